@@ -653,9 +653,57 @@ HELD_OUT_SEEDS = (
 )
 
 
-def seed_option(text: str) -> Decorator:
-    """Add `--seed S`, the first simulation seed, with this help."""
-    return click.option("--seed", type=WholeNumber(min=0, max=2**62), metavar="S", help=text)
+def seed_option(text: str, *, default: int | None = None, most: int = 2**62) -> Decorator:
+    """Add `--seed S`, with this help, default and largest value."""
+    return click.option(
+        "--seed",
+        type=WholeNumber(min=0, max=most),
+        metavar="S",
+        default=default,
+        show_default=default is not None,
+        help=text,
+    )
+
+
+def controller_option(text: str) -> Decorator:
+    """Add `--controller C`, a controller file or run folder, with this help."""
+    return click.option("--controller", type=ExistingPath(folder=None), metavar="C", help=text)
+
+
+def experiment_option(text: str) -> Decorator:
+    """Add `--experiment FILE`, with this help; the command gets `experiment_file`."""
+    return click.option("--experiment", "experiment_file", type=ExistingPath(folder=False), help=text)
+
+
+def figure_option(name: str, text: str) -> Decorator:
+    """Add an option for a figure to write, with this help; the command gets `file`."""
+    return click.option(name, "file", cls=SaveOption, type=OutputFile(), help=text)
+
+
+def target_option(metavar: str, text: str, *, required: bool = False) -> Decorator:
+    """Add `--output FILE`, which is checked when it is written; the command gets `target`."""
+    return click.option(
+        "--output",
+        "target",
+        cls=OutputOption,
+        type=click.Path(path_type=Path),
+        metavar=metavar,
+        required=required,
+        help=text,
+    )
+
+
+def folder_option(text: str) -> Decorator:
+    """Add `--out DIR`, with this help."""
+    path = click.Path(path_type=Path, file_okay=False)
+    return click.option("--out", cls=OutputOption, type=path, metavar="DIR", help=text)
+
+
+force_option: Decorator = click.option(
+    "--force",
+    is_flag=True,
+    help="Overwrite files that Swarmwright did not export, or that were edited since.",
+)
 
 
 def episodes_option(

@@ -19,12 +19,7 @@ from swarmwright.cli._evaluating import Evaluating, evaluation_options
 )
 @click.argument("first", type=options.controller_or_candidate, metavar="A")
 @click.argument("second", type=options.controller_or_candidate, metavar="B")
-@click.option(
-    "--experiment",
-    "experiment_file",
-    type=options.ExistingPath(folder=False),
-    help="Experiment for both controllers. Default: A's, or B's if A is not a run.",
-)
+@options.experiment_option("Experiment for both controllers. Default: A's, or B's if A is not a run.")
 @options.episodes_option("Number of episodes.", default=100)
 @options.seed_option(options.HELD_OUT_SEEDS)
 @options.file_options(

@@ -4,9 +4,10 @@ from pathlib import Path
 
 import click
 
+from swarmwright.cli import _options as options
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import OutputOption, json_option
 from swarmwright.cli._output import Output
+from swarmwright.common.formatting import format_count
 
 
 @click.command(
@@ -25,17 +26,9 @@ from swarmwright.cli._output import Output
     help="Connect an output of a component to an input of another. Units, and scaled variables (-1 to 1) "
     "of Swarmwright's FMUs, are converted. Repeatable.",
 )
-@click.option(
-    "--output",
-    "target",
-    cls=OutputOption,
-    type=click.Path(path_type=Path),
-    required=True,
-    metavar="FILE.ssp",
-    help="File to write.",
-)
-@click.option("--force", is_flag=True, help="Overwrite an existing file.")
-@json_option
+@options.target_option("FILE.ssp", "File to write.", required=True)
+@options.force_option
+@options.json_option
 def command(
     fmus: tuple[str, ...], connections: tuple[str, ...], target: Path, force: bool, output: Output
 ) -> None:
@@ -46,23 +39,15 @@ def command(
     and units of connections are checked.
     """
     from swarmwright.common.errors import InputError
+    from swarmwright.export.exporting import write
     from swarmwright.simulations.fmu.ssp import component_files, write_system
 
     if target.suffix != ".ssp":
         raise InputError(f"{target}: the name of an SSP must end with .ssp")
-    if target.is_dir():
-        raise InputError(f"{target}: is a folder; name a file with --output")
-    if target.exists() and not force:
-        raise InputError(f"{target}: already exists; choose another --output, or overwrite it with --force")
     files = component_files(fmus)
     data, scaled = write_system(target.stem, files, connections)
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_bytes(data)
-    except OSError as error:
-        raise InputError(f"{target}: cannot be written: {error.strerror}") from error
-    plural = "" if len(connections) == 1 else "s"
-    output.text(f"{target}: {', '.join(files)}; {len(connections)} connection{plural}")
+    write({target.name: data}, target.parent, force=force)
+    output.text(f"{target}: {', '.join(files)}; {format_count(len(connections), 'connection')}")
     for words in scaled.values():
         output.text(f"  {words}: converted")
     about = {"file": str(target), "components": list(files), "connections": list(connections)}

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from swarmwright.cli import _options as options
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import ExistingPath, OutputFile, SaveOption, candidate_options, json_option
 from swarmwright.cli._output import Output
 
 if TYPE_CHECKING:
@@ -20,22 +20,19 @@ if TYPE_CHECKING:
     "swarmwright draw runs/minisim-1 --generation 0 --out beginning.svg\n"
     "swarmwright draw best.json --simulation minisim",
 )
-@click.argument("source", type=ExistingPath(folder=None), metavar="RUN|FILE")
-@click.option(
+@click.argument("source", type=options.ExistingPath(folder=None), metavar="RUN|FILE")
+@options.figure_option(
     "--out",
-    "file",
-    cls=SaveOption,
-    type=OutputFile(),
-    help="File to write: .png, .svg or .pdf. Default: controller.png in the run's folder, or FILE's name "
+    "File to write: .png, .svg or .pdf. Default: controller.png in the run's folder, or FILE's name "
     "with .png.",
 )
-@candidate_options
+@options.candidate_options
 @click.option(
     "--simulation",
     metavar="NAME",
     help="Built-in simulation or FILE.py:CLASS that names the sensors and actuators. Default: the run's.",
 )
-@json_option
+@options.json_option
 def command(
     source: Path,
     file: Path | None,

@@ -31,13 +31,9 @@ if TYPE_CHECKING:
     "swarmwright evaluate minisim.yaml --controller mine.json --episodes 100",
 )
 @click.argument("run", type=options.ExistingPath(folder=None))
-@click.option(
-    "--controller",
-    "controller_file",
-    type=options.ExistingPath(folder=None),
-    metavar="C",
-    help="Controller file (JSON, or YAML of a machine) or run folder to evaluate instead; RUN may then be "
-    "an experiment file. Needs --episodes or --seed.",
+@options.controller_option(
+    "Controller file (JSON, or YAML of a machine) or run folder to evaluate instead; RUN may then be "
+    "an experiment file. Needs --episodes or --seed."
 )
 @options.episodes_option("Evaluate in N episodes on seeds outside the record. Default with --seed: 100.")
 @options.seed_option(
@@ -50,13 +46,7 @@ if TYPE_CHECKING:
     help="Evaluate the best candidate after each of N evenly spaced generations, on the same held-out "
     "seeds. Default of --episodes: 100.",
 )
-@click.option(
-    "--out",
-    "file",
-    cls=options.OutputOption,
-    type=options.OutputFile(),
-    help="With --curve: draw it (.png, .svg or .pdf), or write it as a table (.csv).",
-)
+@options.figure_option("--out", "With --curve: draw it (.png, .svg or .pdf), or write it as a table (.csv).")
 @options.candidate_options
 @click.option(
     "--metrics",
@@ -68,7 +58,7 @@ if TYPE_CHECKING:
 @evaluation_options(settings="With --episodes: override a value of the run: parameters.maxSteps=40.")
 def command(
     run: Path,
-    controller_file: Path | None,
+    controller: Path | None,
     episodes: int | None,
     seed: int | None,
     curve: int | None,
@@ -110,19 +100,19 @@ def command(
         raise click.UsageError(
             f"--out {file}: the name must end with .png, .svg or .pdf, or with .csv for a table"
         )
-    if controller_file is None and run.is_file():
+    if controller is None and run.is_file():
         raise click.UsageError(
             f"'{run}' is a file where a run folder is expected. Evaluate a controller file in an experiment, "
             "or in that of a run folder: swarmwright evaluate EXPERIMENT.yaml --controller FILE "
             "--episodes 100"
         )
     repeats = episodes is None and seed is None and curve is None
-    output, opened = evaluating.output, Run.open(run) if controller_file is None or run.is_dir() else None
+    output, opened = evaluating.output, Run.open(run) if controller is None or run.is_dir() else None
     if opened is None:
         evaluating.refuse_seed()
         used = experiment = experiment_of(run, evaluating.changes)
     else:
-        at = None if controller_file else opened.evaluation(candidate, generation).generation
+        at = None if controller else opened.evaluation(candidate, generation).generation
         used = resolve_experiment(opened, at, simulation)
         experiment = evaluating.change(used, repeats=repeats)
     if opened is not None and repeats:
@@ -138,13 +128,13 @@ def command(
             learned = learning_curve(opened, curve, **arguments)
         else:
             subject: Any = opened or experiment
-            arguments |= {"controller": controller_file, "metrics": _names(metrics)}
+            arguments |= {"controller": controller, "metrics": _names(metrics)}
             evaluation: ControllerEvaluation = post_evaluate(subject, candidate, generation, **arguments)
     if curve is not None:
         evaluating.show_settings()
         show_learning_curve(output, learned, file, evaluating.settings)
         return 0
-    source = {"run": str(run)} | ({} if controller_file is None else {"controller": str(controller_file)})
+    source = {"run": str(run)} | ({} if controller is None else {"controller": str(controller)})
     output.json({**source, "settings": list(evaluating.settings), **evaluation.to_mapping()})
     if isinstance(evaluation, PostEvaluation):
         # Other parameters make other episodes of the same seeds.
@@ -157,7 +147,7 @@ def command(
         validation = () if other or opened is None else (opened._store.validation() or {}).get("seeds", ())
         seeds = _describe_seeds(evaluation, validation)
     else:
-        output.text(f"The controller of {controller_file}.")
+        output.text(f"The controller of {controller}.")
         seeds = f"the {'held-out ' if seed is None else ''}{format_seeds(evaluation.seeds)}"
     evaluating.show_settings()
     _show(output, evaluation, seeds)

@@ -82,11 +82,7 @@ if TYPE_CHECKING:
     help="Instead of --to: write a copy of this file, which `swarmwright import` has read, with the "
     "candidate's values. Repeatable.",
 )
-@click.option(
-    "--force",
-    is_flag=True,
-    help="Overwrite files that Swarmwright did not export, or that were edited since.",
-)
+@options.force_option
 @options.trust_option
 @options.json_option
 def command(

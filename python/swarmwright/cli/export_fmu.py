@@ -30,14 +30,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="Version of the Functional Mock-up Interface: 2.0 or 3.0.",
 )
-@click.option(
-    "--output",
-    "target",
-    cls=options.OutputOption,
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="File to write. Default: SIMULATION.fmu.",
-)
+@options.target_option("FILE", "File to write. Default: SIMULATION.fmu.")
 @click.option(
     "--proxy",
     is_flag=True,
@@ -66,7 +59,7 @@ if TYPE_CHECKING:
     help="With --proxy: number of agents that have variables. Default: the simulation's.",
 )
 @options.set_option("Set a parameter of the simulation: parameters.numAgents=3.")
-@click.option("--force", is_flag=True, help="Overwrite a file that Swarmwright did not export.")
+@options.force_option
 @options.json_option
 def command(
     simulation: str,

@@ -18,12 +18,8 @@ from swarmwright.cli._evaluating import Evaluating, evaluation_options
     "swarmwright league bundles --seed 1000 --json",
 )
 @click.argument("folder", type=options.ExistingPath(folder=True), metavar="FOLDER")
-@click.option(
-    "--experiment",
-    "experiment_file",
-    type=options.ExistingPath(folder=False),
-    help="Experiment with matches of two sides. Default: FOLDER/league.yaml, or that of the first run or "
-    "bundle.",
+@options.experiment_option(
+    "Experiment with matches of two sides. Default: FOLDER/league.yaml, or that of the first run or bundle."
 )
 @options.episodes_option("Number of episodes of each match.", default=10, most=1_000_000)
 @options.seed_option(options.HELD_OUT_SEEDS)

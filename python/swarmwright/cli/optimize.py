@@ -21,16 +21,8 @@ from swarmwright.cli._observing import ObserverOptions, observe_run_options
     "swarmwright optimize experiments/minisim.yaml --set method.kind=cma_es --set method.generations=30",
 )
 @click.argument("file", type=options.ExistingPath())
-@click.option(
-    "--seed", type=options.WholeNumber(min=0), metavar="S", help="Seed of the run. Default: FILE's."
-)
-@click.option(
-    "--out",
-    cls=options.OutputOption,
-    type=click.Path(path_type=Path, file_okay=False),
-    metavar="DIR",
-    help="Folder for the results. Default: a new one in runs/.",
-)
+@options.seed_option("Seed of the run. Default: FILE's.", most=2**63 - 1)
+@options.folder_option("Folder for the results. Default: a new one in runs/.")
 @options.wait_option
 @observe_run_options
 @evaluation_options(settings="Override a value of FILE: method.generations=50, 'controller.hidden=[8, 4]'.")

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from swarmwright.cli import _options as options
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import ExistingPath, OutputFile, SaveOption, compare_options, json_option
 from swarmwright.cli._output import Output
 
 if TYPE_CHECKING:
@@ -23,13 +23,10 @@ if TYPE_CHECKING:
     "swarmwright plot results/sizes --out comparison.pdf\n"
     "swarmwright plot runs/nnga-* runs/random-* --out comparison.svg",
 )
-@click.argument("runs", type=ExistingPath(folder=None), metavar="RUN...", nargs=-1, required=True)
-@click.option(
+@click.argument("runs", type=options.ExistingPath(folder=None), metavar="RUN...", nargs=-1, required=True)
+@options.figure_option(
     "--out",
-    "file",
-    cls=SaveOption,
-    type=OutputFile(),
-    help="File to write: .png, .svg or .pdf. Default: plot.png in the run's folder, or comparison.png for "
+    "File to write: .png, .svg or .pdf. Default: plot.png in the run's folder, or comparison.png for "
     "several runs.",
 )
 @click.option(
@@ -62,8 +59,8 @@ if TYPE_CHECKING:
     "one column.",
 )
 @click.option("--title", metavar="TEXT", help="Title of the figure; '' for none.")
-@compare_options
-@json_option
+@options.compare_options
+@options.json_option
 def command(
     runs: tuple[Path, ...],
     file: Path | None,

@@ -34,14 +34,7 @@ if TYPE_CHECKING:
     help="Number of champions of each side, of evenly spaced generations.",
 )
 @options.episodes_option("Number of episodes of each match.", default=10, least=2, most=10_000)
-@click.option(
-    "--seed",
-    type=options.WholeNumber(min=0, max=2**62),
-    metavar="S",
-    default=1_000_000_000,
-    show_default=True,
-    help="First simulation seed; the others count up.",
-)
+@options.seed_option("First simulation seed; the others count up.", default=1_000_000_000)
 @options.file_options(
     "Draw the outcomes of all matches, means and ratings: .png, .svg or .pdf.",
     "Write mean fitness and rating of each champion, with 95 % intervals, as a table, .csv.",

@@ -50,12 +50,7 @@ def _read_match(_context: click.Context, _option: click.Parameter, text: str | N
     "best of another run folder. Repeatable.",
 )
 @options.candidate_options
-@click.option(
-    "--controller",
-    type=options.ExistingPath(folder=None),
-    metavar="C",
-    help="Replay this controller file or run folder instead of a candidate of RUN.",
-)
+@options.controller_option("Replay this controller file or run folder instead of a candidate of RUN.")
 @click.option(
     "--match",
     "match",
@@ -70,9 +65,7 @@ def _read_match(_context: click.Context, _option: click.Parameter, text: str | N
     metavar="E",
     help="Episode of the run, counted from 0; of a match, as `progress` counts. Default: 0.",
 )
-@click.option(
-    "--seed", type=options.WholeNumber(min=0), metavar="S", help="Simulation seed of a new episode."
-)
+@options.seed_option("Simulation seed of a new episode.", most=2**63 - 1)
 @options.simulation_option
 @evaluation_options(
     "Compute the episode on a server that sends scenes. Default: this process, or if it lacks the "

@@ -238,13 +238,7 @@ def show(run: Path, output: Output) -> None:
     metavar="N",
     help="List the N candidates with the best fitness; 0 lists all. --json always has all.",
 )
-@click.option(
-    "--plot",
-    "file",
-    cls=options.SaveOption,
-    type=options.OutputFile(),
-    help="Draw the archive as a heat map, or the front: .png, .svg or .pdf.",
-)
+@options.figure_option("--plot", "Draw the archive as a heat map, or the front: .png, .svg or .pdf.")
 @click.option(
     "--offset",
     type=options.finite_number,

@@ -29,18 +29,8 @@ if TYPE_CHECKING:
     "swarmwright simulate experiments/minisim.yaml --seed 7 --set parameters.placement=random",
 )
 @click.argument("file", type=options.ExistingPath())
-@click.option(
-    "--controller",
-    type=options.ExistingPath(folder=None),
-    metavar="C",
-    help="Controller file (best.json) or run folder. Default: a random controller.",
-)
-@click.option(
-    "--seed",
-    type=options.WholeNumber(min=0, max=2**63 - 1),
-    metavar="S",
-    help="Seed of the simulation. Default: parameters.seed, else 0.",
-)
+@options.controller_option("Controller file (best.json) or run folder. Default: a random controller.")
+@options.seed_option("Seed of the simulation. Default: parameters.seed, else 0.", most=2**63 - 1)
 @picture_options
 @click.option("--visual", is_flag=True, help="Ask the server to draw every step.")
 @evaluation_options(

@@ -31,13 +31,8 @@ FAILED = 1
     "swarmwright sweep results/sweep.json --out again",
 )
 @click.argument("file", type=options.ExistingPath())
-@click.option(
-    "--out",
-    cls=options.OutputOption,
-    type=click.Path(path_type=Path, file_okay=False),
-    metavar="DIR",
-    help="Folder for the runs. Default: FILE's, else runs/ and FILE's name; for a sweep.json, its own "
-    "folder.",
+@options.folder_option(
+    "Folder for the runs. Default: FILE's, else runs/ and FILE's name; for a sweep.json, its own folder."
 )
 @click.option(
     "--jobs",
