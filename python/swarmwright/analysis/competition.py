@@ -201,9 +201,9 @@ def measure_progress(
     results = []
     for number, side in enumerate(playing):
 
-        def follow(done: int, whole: int, waiting_for: str, number: int = number) -> None:
+        def follow(done: int, total: int, waiting_for: str, number: int = number) -> None:
             if on_progress is not None:
-                on_progress(number * whole + done, len(playing) * whole, waiting_for)
+                on_progress(number * total + done, len(playing) * total, waiting_for)
 
         fitness = play_all(
             experiment,
@@ -314,10 +314,10 @@ def cyclic_share(outcomes: Values) -> float:
     outcomes: (players, opponents), finite.
     """
     centered = outcomes - outcomes.mean(axis=0)  # how strong an opponent is does not matter
-    whole = float((centered**2).sum())
-    if whole <= 1e-12 * max(1.0, float((outcomes**2).sum())):
+    variation = float((centered**2).sum())
+    if variation <= 1e-12 * max(1.0, float((outcomes**2).sum())):
         return 0.0
-    return float(((outcomes - fit_ranking(outcomes)) ** 2).sum()) / whole
+    return float(((outcomes - fit_ranking(outcomes)) ** 2).sum()) / variation
 
 
 def fit_ranking(outcomes: Values) -> Values:

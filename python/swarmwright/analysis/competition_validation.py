@@ -208,7 +208,10 @@ def validate_competition(
         raise InputError(f"{run.path}: is not a competition; validate it on held-out seeds: {command}")
     sides = sides_of(experiment)
     if len(sides) != 2:
-        raise InputError(f"{run.path}: validation needs two sides, but the run has {', '.join(sides)}")
+        raise InputError(
+            f"{run.path}: validation needs two sides, a champion and its opponent, but the run has "
+            f"{', '.join(sides)}"
+        )
     lineups = run.champions(sides[0])
     if not lineups:
         raise InputError(f"{run.path}: has no finished generation, so there is no champion")
@@ -216,9 +219,9 @@ def validate_competition(
     rows = [run._store.evaluation(lineups[index].evaluation, None) for index in np.unique(picked).tolist()]
     own = [load_opponent(f"{run.path}:{row.generation}:{row.candidate}") for row in rows]
     inside = [source for source in against if _is_from(run, source)]
-    loaded, left_out, others = load_participants(Path(), [each for each in against if each not in inside])
+    loaded, left_out, used_seeds = load_participants(Path(), [each for each in against if each not in inside])
     left_out += [_leave_out(escape_line(source)) for source in inside]
-    seeds = where.seeds(experiment, run._store.collect_seeds() | others)
+    seeds = where.seeds(experiment, run._store.collect_seeds() | used_seeds)
     with open_backend(
         experiment, broker=where.broker, servers=where.servers, metrics=needed_metrics(options)
     ) as backend:
@@ -226,11 +229,11 @@ def validate_competition(
         assert isinstance(representation, Team)
         architecture = representation.architecture()
         players, _ = select_participants(own, architecture, experiment)
-        met = _collect_met(run, options, representation)
+        known_genomes = _collect_met(run, options, representation)
         fitting, unfit = select_participants(loaded, architecture, experiment)
         opponents = []
         for participant in fitting:
-            if any(_genes(part) in met for part in participant.sides.values()):
+            if any(_genes(part) in known_genomes for part in participant.sides.values()):
                 left_out.append(_leave_out(participant.name))
             else:
                 opponents.append(participant)
@@ -239,9 +242,9 @@ def validate_competition(
         count = len(players)
         playable = np.zeros((count + len(opponents),) * 2, dtype=bool)
         for side in evolved:
-            can = np.array([1 - side in opponent.sides for opponent in opponents], dtype=bool)
+            can_play = np.array([1 - side in opponent.sides for opponent in opponents], dtype=bool)
             block = (slice(count), slice(count, None))
-            playable[block if side == 0 else block[::-1]] = can if side == 0 else can[:, np.newaxis]
+            playable[block if side == 0 else block[::-1]] = can_play if side == 0 else can_play[:, np.newaxis]
         if not playable.any():
             reasons = "".join(f"; {each.reason}" for each in left_out[:3])
             raise InputError(f"no opponent can play against the champions of {run.path}{reasons}")
@@ -280,7 +283,7 @@ def _leave_out(name: str) -> LeftOut:
 
 
 def _collect_met(run: Run, options: TournamentOptions, representation: Team) -> set[bytes]:
-    """Return the genes of all champions of a run, and of its opponents from outside."""
+    """Return the genes of all champions of a run, and of its external opponents."""
     opponents = opponents_of(options, representation, ())
     return {
         genes.tobytes()

@@ -124,18 +124,18 @@ def name_of(experiment: Experiment) -> str:
 def abbreviations(texts: Collection[str]) -> dict[str, str]:
     """Return a short form of each text; different texts have different forms.
 
-    A long text is cut. If several would look alike, they show their beginning and the part in which they
-    differ; if these look like others, they are not shortened.
+    A long text is cut. If several would have the same form, they show their beginning and the part in which
+    they differ; if these look like others, they are not shortened.
     """
     forms = {text: _cut(text) for text in texts}
-    waiting = _alike(texts, forms)
+    waiting = _find_shared_forms(texts, forms)
     while waiting:
         together = waiting.pop()
         start = _common_beginning(together)
         for text in together:
             forms[text] = _from(text, start)
-        waiting += _alike(together, forms)
-    for together in _alike(texts, forms):
+        waiting += _find_shared_forms(together, forms)
+    for together in _find_shared_forms(texts, forms):
         forms.update((text, text) for text in together)
     return forms
 
@@ -147,7 +147,7 @@ def _common_beginning(texts: Collection[str]) -> int:
     return next((index for index, (left, right) in pairs if left != right), len(first))
 
 
-def _alike(texts: Collection[str], forms: Mapping[str, str]) -> list[list[str]]:
+def _find_shared_forms(texts: Collection[str], forms: Mapping[str, str]) -> list[list[str]]:
     """Return the lists of texts that share a form."""
     texts_by_form = defaultdict(list)
     for text in texts:

@@ -358,7 +358,10 @@ def play_league(
     experiment = experiment or find_experiment(folder, names)
     sides = tuple(sides_of(experiment))
     if len(sides) != 2:
-        raise InputError(f"a league needs matches of two sides, but the experiment has {', '.join(sides)}")
+        raise InputError(
+            "a league needs two sides, so that two controllers meet in a match, but the experiment has "
+            f"{', '.join(sides)}"
+        )
     options = experiment.ranking
     assert isinstance(options, TournamentOptions)
     opponents, left_out, used = load_participants(folder, names)
@@ -480,7 +483,7 @@ def play_matches(
     by_architecture: dict[tuple[str, str], list[tuple[int, int]]] = {}
     for first, second in np.argwhere(playable).tolist():
         by_architecture.setdefault((kinds[first][0], kinds[second][1]), []).append((first, second))
-    whole, done = int(playable.sum()) * len(seeds), 0
+    total, done = int(playable.sum()) * len(seeds), 0
     for matches in by_architecture.values():
         example = matches[0]
         team = join_controllers(
@@ -491,7 +494,7 @@ def play_matches(
 
             def progress(part: int, _: int, waiting_for: str, before: int = done) -> None:
                 if where.on_progress is not None:
-                    where.on_progress(before + part, whole, waiting_for)
+                    where.on_progress(before + part, total, waiting_for)
 
             weights = np.stack(
                 [

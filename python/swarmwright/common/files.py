@@ -31,7 +31,9 @@ def suggest_file(path: Path) -> str:
     """Return "; did you mean 'x.yaml'?" for a similar file beside a missing one, or ""."""
     try:
         beside = sorted(
-            neighbour for neighbour in path.parent.iterdir() if neighbour.suffix.lower() in _alike(path)
+            neighbour
+            for neighbour in path.parent.iterdir()
+            if neighbour.suffix.lower() in _related_suffixes(path)
         )
     except (OSError, ValueError):  # the folder is missing or unreadable; not a path
         return ""
@@ -41,7 +43,7 @@ def suggest_file(path: Path) -> str:
     return "" if match is None else f"; did you mean '{names[match]}'?"
 
 
-def _alike(path: Path) -> frozenset[str]:
+def _related_suffixes(path: Path) -> frozenset[str]:
     """Return the suffixes of files of the same kind."""
     suffix = path.suffix.lower()
     return _YAML if suffix in _YAML else frozenset({suffix})

@@ -425,7 +425,7 @@ def check_representations(checked: Checked, representation: Team, is_available: 
 def opponents_of(
     options: TournamentOptions, representation: Team, populations: Collection[str], simulation: str = ""
 ) -> dict[str, dict[int, Genome]]:
-    """Return the genomes of the opponents from outside that play each side, by their number.
+    """Return the genomes of the external opponents that play each side, by their number.
 
     They are numbered from 0 in the order of the file, those of a mapping side by side.
 

@@ -1,9 +1,8 @@
 """Competitions: one or several populations whose candidates meet in matches.
 
-A generation of each population is asked from a method of its own. The candidates meet in rounds of matches;
-their results are the fitness that the methods are told. Members that survive compete again, as their earlier
-results were against other opponents. At the end of each generation, the champions of all sides meet, and
-become possible opponents of later generations.
+Each population has a method, which proposes its candidates. They meet in rounds of matches, whose results are
+their fitness. Survivors compete again, since their earlier results were against other opponents. At the end
+of each generation, the champions of all sides meet, and become possible opponents of later generations.
 
 Sources: Rosin and Belew, "New methods for competitive coevolution", Evolutionary Computation 5(1), 1997, for
 the hall of fame; Potter and De Jong, "Cooperative coevolution: an architecture for evolving coadapted
@@ -30,7 +29,7 @@ from swarmwright.methods.rankings.tournament import AGAINST_CHAMPIONS, ONLY_OPPO
 Indices = NDArray[np.intp]
 
 FIRST_OPPONENT = -2_000_000_000
-"""Index of the first opponent from outside, below those of all champions; that of opponent k is this - k."""
+"""Index of the first external opponent, below those of all champions; that of opponent k is this - k."""
 
 LARGEST_ARCHIVE = 100
 """Largest number of champions in the archive of `pareto_archive`."""
@@ -42,7 +41,7 @@ class Matches:
 
     candidates: Indices
     """(matches, sides): the candidate's index in its population, survivors after new ones; -1 - k is the
-    champion of generation k, FIRST_OPPONENT - k the opponent k from outside."""
+    champion of generation k, FIRST_OPPONENT - k the external opponent k."""
     genomes: Genomes
     """(matches, genome_size): the genomes of all sides, joined."""
 
@@ -70,8 +69,8 @@ class Competition(Method):
         options: the experiment's method, whose limits are those of the run.
         representation: of the joined genomes of all sides.
         populations: the populations; their methods have no limits of their own.
-        opponents: genomes from outside that play each side, by their number; candidates of other sides meet
-            them in every generation. A side without a population is played by them alone.
+        opponents: genomes of external opponents that play each side, by their number; candidates of other
+            sides meet them in every generation. A side without a population is played by them alone.
         sizes: number of genes of each side, in the order of the joined genome.
         tournament: options of the ranking.
         seed: seed of the experiment.
@@ -198,7 +197,7 @@ class Competition(Method):
     def _remember(
         self, play: Generator[Matches, NDArray[np.float64], list[Fitness]]
     ) -> Generator[Matches, NDArray[np.float64], list[Fitness]]:
-        """Yield the same matches, and keep who met, with the results."""
+        """Yield the same matches, and record their candidates and results."""
         try:
             matches = next(play)
             while True:
@@ -278,7 +277,7 @@ class Competition(Method):
             results.append(fitness[: len(first)])
             if options.both_sides:
                 results.append(fitness[len(first) : 2 * len(first), ::-1])
-            # Opponents from outside play at the same time as the first round.
+            # External opponents play at the same time as the first round.
             outside_results = np.concatenate([outside_results, fitness[len(legs) * len(first) :]])
             first = next(rounds, None)
         met = np.concatenate([*pairs, outside])
@@ -292,7 +291,7 @@ class Competition(Method):
         return [scores + 0.0]
 
     def _choose_outside(self) -> list[tuple[int, int]]:
-        """Return side and number of the opponents from outside that all candidates of one population meet."""
+        """Return side and number of the external opponents that all candidates of one population meet."""
         first, second = self._opponents
         if self._tournament.both_sides:
             return [(side, number) for side in (0, 1) for number in self._opponents[side]]
@@ -303,7 +302,7 @@ class Competition(Method):
         return chosen
 
     def _meet_outside(self, count: int) -> Indices:
-        """Return the matches of one population against opponents from outside, (matches, 2)."""
+        """Return the matches of one population against external opponents, (matches, 2)."""
         chosen = self._choose_outside()
         rows = np.tile(np.arange(count, dtype=np.intp)[:, np.newaxis], (len(chosen), 2))
         for block, (side, number) in enumerate(chosen):
@@ -504,7 +503,7 @@ class Competition(Method):
         return Matches(candidates, joined)
 
     def _genes_of(self, side: int, index: int) -> Genome:
-        """Return the genes of an earlier champion or of an opponent from outside, see `Matches`."""
+        """Return the genes of an earlier champion or of an external opponent, see `Matches`."""
         if index <= FIRST_OPPONENT:
             return self._opponents[side][FIRST_OPPONENT - index]
         number = self._population_of_side[side]

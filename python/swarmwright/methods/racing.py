@@ -515,7 +515,7 @@ class Racing(Method):
         rows = self.representation.likeness(
             np.array([entrant.genome for entrant in entrants], dtype=np.float32)
         )
-        same = find_alike(rows)
+        same = find_near_equals(rows)
         if not len(same):
             return False
         genes, count = self.representation.genome_size, len(new)
@@ -527,7 +527,7 @@ class Racing(Method):
         return True
 
 
-def find_alike(rows: NDArray[np.float64]) -> NDArray[np.intp]:
+def find_near_equals(rows: NDArray[np.float64]) -> NDArray[np.intp]:
     """Return the rows that are practically equal to another row, (n, numbers) in units of their ranges."""
     if len(rows) < 2 or not rows.shape[1]:
         return np.empty(0, dtype=np.intp)
@@ -535,14 +535,14 @@ def find_alike(rows: NDArray[np.float64]) -> NDArray[np.intp]:
     sums = np.add.accumulate(rows, axis=1)[:, -1]
     order = np.argsort(sums, kind="stable")
     reach = _SAME_SHARE * rows.shape[1] * (1 + 1e-9)
-    alike_rows: set[int] = set()
+    near_equals: set[int] = set()
     ends = np.searchsorted(sums[order], sums[order] + reach, side="right")
     for position, end in enumerate(ends.tolist()):
         following = order[position + 1 : end]
         equal = following[(np.abs(rows[following] - rows[order[position]]) <= _SAME_SHARE).all(axis=1)]
         if len(equal):
-            alike_rows.update([int(order[position]), *equal.tolist()])
-    return np.array(sorted(alike_rows), dtype=np.intp)
+            near_equals.update([int(order[position]), *equal.tolist()])
+    return np.array(sorted(near_equals), dtype=np.intp)
 
 
 def _make_rules(options: RacingOptions, representation: Representation) -> Rules:

@@ -266,7 +266,7 @@ def _play(
     fitness = SideFitness(options)
     values = np.full((count, len(seeds), len(sides)), np.nan)
     names = needed_metrics(options)
-    whole = count * len(seeds)
+    total = count * len(seeds)
     with open_backend(experiment, broker=broker, servers=servers, metrics=names) as backend:
         representation = experiment.representation(backend.sensors, backend.actuators)
         if shape[1:] != (representation.genome_size,):
@@ -276,7 +276,7 @@ def _play(
 
             def progress(done: int, _: int, waiting_for: str, before: int = first * len(seeds)) -> None:
                 if on_progress is not None:
-                    on_progress(before + done, whole, waiting_for)
+                    on_progress(before + done, total, waiting_for)
 
             controllers = Controllers.from_genomes(representation, join(first, end))
             results = backend.evaluate(controllers, seeds, progress)

@@ -19,8 +19,8 @@ from swarmwright.analysis.competition import (
     spread,
 )
 from swarmwright.runs.matches import play
+from tests.python.analysis.test_league import TRIO
 from tests.python.runs.optimization.test_competing import MINISIM, POPULATIONS, TOURNAMENT
-from tests.python.simulations.duel import Trio
 
 
 def noisy(outcomes: NDArray[np.float64], noise: float, seed: int = 0) -> NDArray[np.float64]:
@@ -112,14 +112,7 @@ def test_no_name_is_a_formula_or_a_command_of_the_terminal(tmp_path: Path) -> No
 
 
 def test_each_of_three_sides_meets_the_others_together(tmp_path: Path) -> None:
-    values = {
-        "simulation": Trio,
-        "controller": {"hidden": []},
-        "populations": {"first": {}, "second": {}, "third": {}},
-        "method": {"population": 4, "generations": 3},
-        "ranking": {"pairing": "best"},
-    }
-    run = swarmwright.optimize(values, servers="in-process", out=tmp_path / "run")
+    run = swarmwright.optimize(TRIO, servers="in-process", out=tmp_path / "run")
     reports: list[tuple[int, int]] = []
     progress = measure_progress(
         run,

@@ -18,7 +18,7 @@ from swarmwright.analysis.competition_validation import (
 )
 from swarmwright.cli import run as run_command
 from swarmwright.runs.matches import play
-from tests.python.analysis.test_league import ROLES, TOURNAMENT, options, pulling
+from tests.python.analysis.test_league import ROLES, TOURNAMENT, TRIO, options, pulling
 from tests.python.experiment.test_opponents import bundle
 
 
@@ -135,6 +135,9 @@ def test_mistakes_are_a_message(folder: Path, tmp_path: Path) -> None:
     ]:
         with pytest.raises(InputError, match=message):
             validate(folder, "run-1", *against)
+    optimize(Experiment.from_mapping(TRIO), servers="in-process", out=tmp_path / "trio")
+    with pytest.raises(InputError, match=r"two sides, .*, but the run has first, second, third"):
+        validate(tmp_path, "trio", str(folder / "run-1"))
     optimize(
         {"simulation": "minisim", "method": {"generations": 1}}, servers="in-process", out=tmp_path / "one"
     )

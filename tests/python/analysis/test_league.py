@@ -17,7 +17,7 @@ from swarmwright.cli import run as run_command
 from swarmwright.runs.matches import play
 from swarmwright.runs.post_evaluation import EvaluationOptions
 from tests.python.experiment.test_opponents import bundle
-from tests.python.simulations.duel import Duel, Wide
+from tests.python.simulations.duel import Duel, Trio, Wide
 
 TOURNAMENT: dict[str, Any] = {
     "simulation": Duel,
@@ -31,6 +31,15 @@ ROLES: dict[str, Any] = {
     "populations": {"left": {}, "right": {}},
     "method": {"population": 4, "generations": 1},
     "ranking": {"rounds": 1},
+}
+
+
+TRIO: dict[str, Any] = {
+    "simulation": Trio,
+    "controller": {"hidden": []},
+    "populations": {"first": {}, "second": {}, "third": {}},
+    "method": {"population": 4, "generations": 3},
+    "ranking": {"pairing": "best"},
 }
 
 
@@ -246,6 +255,11 @@ def test_the_file_of_a_folder_executes_no_code(changes: dict[str, Any], tmp_path
 def test_the_file_of_a_folder_is_its_experiment(tmp_path: Path) -> None:
     (tmp_path / "league.yaml").write_text(json.dumps(SOCCER))
     assert find_experiment(tmp_path, []) == Experiment.from_mapping(SOCCER)
+
+
+def test_three_sides_are_refused(folder: Path) -> None:
+    with pytest.raises(InputError, match=r"needs two sides, so that two .*, but .* has first, second, third"):
+        league(folder, TRIO)
 
 
 def test_why_there_are_no_intervals(folder: Path) -> None:

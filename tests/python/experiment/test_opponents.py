@@ -250,7 +250,7 @@ def test_paths_that_lead_to_no_controller(tmp_path: Path) -> None:
         ("a\0b", r"^a\\x00b: cannot be read: .*null"),
         ("x" * 5000, r"^x{197}\.\.\.: cannot be read: File name too long"),
         ("\udcff", r"^\\udcff: there is no such file"),
-        ("", "is neither a run folder"),
+        ("", "its name is empty"),
     ]:
         with pytest.raises(InputError, match=message) as caught:
             load_opponent(name, tmp_path)

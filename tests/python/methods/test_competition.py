@@ -1,4 +1,4 @@
-"""Competitions: who meets whom, and what the methods are told."""
+"""Competitions: pairings, and the fitness that methods get."""
 
 from itertools import combinations
 from typing import Any

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from swarmwright import InputError
 from swarmwright.common.random_numbers import Stream
 from swarmwright.controllers import Representation
-from swarmwright.methods.racing import Entrant, Race, Racing, RacingOptions, Rules, find_alike
+from swarmwright.methods.racing import Entrant, Race, Racing, RacingOptions, Rules, find_near_equals
 from swarmwright.methods.rankings.race import ranks_of
 from swarmwright.testing import check_method
 from swarmwright.testing._common import representation
@@ -356,7 +356,7 @@ def test_the_target_is_compared_with_the_mean_after_the_first_test() -> None:
 
 @given(st.integers(0, 10**6))
 @settings(max_examples=40)
-def test_rows_that_are_alike_are_found(seed: int) -> None:
+def test_rows_that_are_nearly_equal(seed: int) -> None:
     rng = np.random.default_rng(seed)
     rows = rng.random((int(rng.integers(2, 40)), int(rng.integers(1, 6))))
     copies = rng.integers(len(rows), size=5)
@@ -367,4 +367,4 @@ def test_rows_that_are_alike_are_found(seed: int) -> None:
         for index, row in enumerate(rows)
         if any(np.abs(row - other).max() <= 1e-4 for at, other in enumerate(rows) if at != index)
     ]
-    assert find_alike(rows).tolist() == expected
+    assert find_near_equals(rows).tolist() == expected

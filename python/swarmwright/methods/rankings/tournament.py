@@ -116,14 +116,14 @@ class TournamentOptions(RankingOptions):
     any, the first has the simulation's fitness and the second its negative.
     """
     pairing: Pairing = "random"
-    """Who meets whom. round_robin: everybody everybody. random: `rounds` random opponents. swiss: `rounds`
-    opponents with similar results so far; multi_swiss: the mean of several such tournaments. merge_sort:
-    matches are the comparisons of a merge sort. hall_of_fame: the last champion and random earlier ones,
-    `rounds` together. best: the last champion. pareto_archive: the last champion, and earlier ones that tell
-    apart the champions that no other dominates, at most `rounds` together. opponents: those of the option
-    alone. With populations: round_robin, random, hall_of_fame, best, pareto_archive, opponents.
-    frevo_full_tournament, frevo_swiss_system, frevo_multi_swiss: the rankings of FREVO with these names, for
-    imported sessions; FREVO's MultiSort is random.
+    """How opponents are chosen. round_robin: all others. random: `rounds` random opponents. swiss: `rounds`
+    opponents with similar results so far; multi_swiss: several such tournaments. merge_sort: matches are the
+    comparisons of a merge sort. hall_of_fame: the last champion and random earlier ones, `rounds` in total.
+    best: the last champion. pareto_archive: the last champion, and earlier ones against which the
+    non-dominated champions have different results, at most `rounds` in total. opponents: only those of the
+    option `opponents`. With populations: round_robin, random, hall_of_fame, best, pareto_archive, opponents.
+    frevo_full_tournament, frevo_swiss_system, frevo_multi_swiss: FREVO's rankings, for imported sessions; its
+    MultiSort is random.
     """
     opponents: Annotated[
         Any,
@@ -132,9 +132,9 @@ class TournamentOptions(RankingOptions):
             {"anyOf": [_ENTRIES, {"type": "object", "additionalProperties": _ENTRIES}, {"type": "null"}]}
         ),
     ] = None
-    """Controllers from outside that every candidate meets in each generation, besides those of `pairing`: run
-    folders (their best), RUN:GENERATION:CANDIDATE, bundles and files of controllers, relative to this file.
-    Each plays all sides that it can; or a list for each side, {left: [run-a], right: [their.bundle]}. A side
+    """External controllers that every candidate meets in each generation, in addition to `pairing`: run
+    folders (their best), RUN:GENERATION:CANDIDATE, bundles and controller files, relative to this file. Each
+    plays every side that it fits; or list them for each side, {left: [run-a], right: [their.bundle]}. A side
     without a population is played by its opponents alone. The run keeps copies.
     """
     rounds: int | None = Field(default=None, ge=1, le=10_000)
@@ -148,8 +148,8 @@ class TournamentOptions(RankingOptions):
     score: Score | None = None
     """A candidate's fitness from its matches. points: the sum of `win` for a victory and `draw` for a draw.
     win_rate: the mean of 1 and 0.5 for them. fitness: mean of its own fitness. elo, bradley_terry: a rating
-    that takes the opponents' strength into account. order: the number of candidates that it is better than,
-    also by way of others; the result of merge_sort. frevo_multi_swiss: the mean of 2 for a victory and 1 for
+    that takes the opponents' strength into account. order: the number of candidates that it beats, directly
+    or through others; the result of merge_sort. frevo_multi_swiss: the mean of 2 for a victory and 1 for
     a defeat. With populations: points, fitness. Default: bradley_terry with swiss and multi_swiss, else
     fitness."""
     win: float = Field(default=1.0, gt=0, le=1e6)

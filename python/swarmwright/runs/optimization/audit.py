@@ -218,7 +218,7 @@ def _repeat(
         measured = results.metrics[row, 0]
         pairs = [("fitness", float(candidate.episodes[episode]), fitness)]
         pairs += zip(backend.metrics, candidate.metrics[episode].tolist(), measured.tolist(), strict=False)
-        different = [pair for pair in pairs if not _are_alike(pair[1], pair[2], tolerance)]
+        different = [pair for pair in pairs if not _are_equal(pair[1], pair[2], tolerance)]
         if different:
             result.differ.add(candidate.number)
             result.servers.append(between if len(between) > 1 else set())
@@ -227,7 +227,7 @@ def _repeat(
     result.repeated += len(compared)
 
 
-def _are_alike(recorded: float, repeated: float, tolerance: float) -> bool:
+def _are_equal(recorded: float, repeated: float, tolerance: float) -> bool:
     if not (math.isfinite(recorded) and math.isfinite(repeated)):
         return math.isfinite(recorded) == math.isfinite(repeated)
     return abs(repeated - recorded) <= tolerance * max(1.0, abs(repeated), abs(recorded))

@@ -41,7 +41,7 @@ TOURNAMENT = {**MINISIM, "ranking": {"kind": "tournament", "pairing": "swiss", "
 
 
 def network(seed: int) -> dict[str, Any]:
-    """Return a controller from outside, as a file has it."""
+    """Return an external controller, as a file has it."""
     representation = Experiment.from_mapping(TOURNAMENT).representation()
     assert isinstance(representation, Team)
     part = representation.parts["agents"]
