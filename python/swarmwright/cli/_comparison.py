@@ -1,12 +1,13 @@
 """Output of commands that compare runs."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 import click
 
+from swarmwright.cli import _options as options
 from swarmwright.cli._output import Output, complain
 from swarmwright.cli._runs import reading_progress
 
@@ -111,37 +112,27 @@ class ComparisonOptions:
     labels: tuple[tuple[str, str], ...] = ()
 
     @classmethod
-    def from_options(cls, options: dict[str, Any]) -> Self:
-        """Take the options of `compare_options` out of those of a command."""
-        values = {name: options.pop(name) for name in (field.name for field in fields(cls))}
-        order = values["order"]
-        if len(order) == 1 and order[0] in _ORDERS:
-            order = order[0]
-        return cls(**{**values, "order": order or "rank"})
+    def from_options(cls, *, order: tuple[str, ...], **values: Any) -> Self:  # noqa: ANN401 - the fields
+        """Create from the values of `compare_options`."""
+        is_name = len(order) == 1 and order[0] in _ORDERS
+        return cls(**values, order=order[0] if is_name else order or "rank")
 
     def check(self) -> None:
         """Raise UsageError for options that contradict each other."""
-        if self.held_out and self.at is not None:
-            raise click.UsageError("--held-out compares runs at their end; leave out --at.")
-        if self.at_episodes is not None and (
-            self.at is not None or self.held_out or self.criterion != "fitness"
+        options.exclude("--held-out", "--at", "--at-episodes")
+        options.exclude("--at-episodes", "--at")
+        if self.criterion != "fitness":
+            options.exclude("--by", "--held-out", "--at-episodes")
+        for option, value, criterion in (
+            ("--reference", self.reference or None, "hypervolume"),
+            ("--offset", self.offset, "qd_score"),
         ):
-            raise click.UsageError(
-                "--at-episodes compares the best recorded fitness after so many episodes; leave out --at, "
-                "--held-out and --by, or leave out --at-episodes."
-            )
-        if self.held_out and self.criterion != "fitness":
-            raise click.UsageError("--held-out compares fitness; leave out --held-out, or leave out --by.")
-        if self.reference and self.criterion != "hypervolume":
-            raise click.UsageError(
-                "--reference is for --by hypervolume; leave it out, or give --by hypervolume."
-            )
+            if value is not None and self.criterion != criterion:
+                raise click.UsageError(f"{option} needs --by {criterion}; add it, or leave out {option}.")
         names = [name for name, _ in self.reference]
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice is not None:
             raise click.UsageError(f"--reference: {twice} is given twice; name each objective once.")
-        if self.offset is not None and self.criterion != "qd_score":
-            raise click.UsageError("--offset is for --by qd_score; leave it out, or give --by qd_score.")
 
 
 def show_comparison(

@@ -425,7 +425,7 @@ The command gets `generation` and `candidate`, as `Run.evaluation` takes them.
 def _gather_comparison(**options: Any) -> dict[str, Any]:  # noqa: ANN401 - of different types
     from swarmwright.cli._comparison import ComparisonOptions
 
-    return {"compared": ComparisonOptions.from_options(options)}
+    return {"compared": ComparisonOptions.from_options(**options)}
 
 
 compare_options = gather(

@@ -390,7 +390,7 @@ def _summary(output: Output, run: "Run", facts: dict[str, Any]) -> None:
         f"{format_duration(run.seconds)}"
     )
     for line in (*failure_lines(run), *extra_lines(run)):
-        output.text(f"  {line[0].lower()}{line[1:]}".removesuffix("."))
+        _clause(output, line)
     if run.ended is not None:
         output.text(
             "  ended because "
@@ -407,11 +407,11 @@ def _summary(output: Output, run: "Run", facts: dict[str, Any]) -> None:
         output.text(f"    {row}")
     if run.audit is not None:
         output.text(f"  {_audit_words(run.audit)}")
-    for line in () if validation is None else validation_lines(validation, run):
-        output.text(f"  {line[0].lower()}{line[1:]}".removesuffix("."))
     missing = explain_missing_validation(run)
+    for line in () if validation is None else validation_lines(validation, run):
+        _clause(output, line)
     if missing is not None:
-        output.text(f"  {missing[0].lower()}{missing[1:]}".removesuffix("."))
+        _clause(output, missing)
     resume = f"run `swarmwright resume {shlex.quote(str(run.path))}`"
     if run.validation_is_due and facts["state"] in {"done", "stopped"}:
         output.text(f"  its best candidates are not validated yet; {resume}")
@@ -421,6 +421,11 @@ def _summary(output: Output, run: "Run", facts: dict[str, Any]) -> None:
     if run.transfer_is_due:
         output.text(f"  its best candidates are not transferred yet; {resume}")
     output.text(f"  record SHA-256 {run.digest}")
+
+
+def _clause(output: Output, sentence: str) -> None:
+    """Print a sentence as an indented clause."""
+    output.text(f"  {sentence[0].lower()}{sentence[1:]}".removesuffix("."))
 
 
 def _audit_words(audit: Mapping[str, int]) -> str:

@@ -90,13 +90,12 @@ def test_tables_are_written(program: Any, swept: Any, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--by", "coverage", "--held-out"], "fitness; leave out --held-out, or leave out --by."),
-        (
-            ["--at-episodes", "9", "--at", "9"],
-            "leave out --at, --held-out and --by, or leave out --at-episodes.",
-        ),
-        (["--reference", "fitness=1"], "--reference is for --by hypervolume;"),
-        (["--by", "coverage", "--offset", "1"], "--offset is for --by qd_score;"),
+        (["--by", "coverage", "--held-out"], "--by and --held-out exclude each other"),
+        (["--at-episodes", "9", "--at", "9"], "--at-episodes and --at exclude each other"),
+        (["--held-out", "--at", "9"], "--held-out and --at exclude each other"),
+        (["--by", "coverage", "--at-episodes", "9"], "--by and --at-episodes exclude each other"),
+        (["--reference", "fitness=1"], "--reference needs --by hypervolume;"),
+        (["--by", "coverage", "--offset", "1"], "--offset needs --by qd_score;"),
         (["--by", "hypervolume", "--reference", "1"], "'1' is not NAME=VALUE, such as fitness=0."),
         (["--by", "hypervolume", "--reference", "fitness=high"], "'high' is not a valid float"),
         (["--by", "hypervolume", "--reference", "steps=1", "--reference", "steps=2"], "steps is given twice"),
