@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from swarmwright.analysis.league import (
     LeftOut,
     Participant,
+    describe_left_out,
     format_seeds,
     load_participants,
     play_matches,
@@ -160,7 +161,7 @@ class CompetitionValidation:
                 lines += ["", *columns([[f"generation {last} against", *head], *by_name])]
         failed = sum(result.failed for results in self.champions.values() for result in results)
         ends = [f"{format_count(failed, 'episode')} failed and did not count."] if failed else []
-        ends += [f"Left out: {each.reason}" for each in self.left_out]
+        ends += describe_left_out(self.left_out)
         return "\n".join([*lines, *([""] if ends else []), *ends])
 
     def to_mapping(self) -> dict[str, Any]:

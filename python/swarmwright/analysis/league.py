@@ -44,6 +44,8 @@ EXPERIMENT = "league.yaml"
 """File in the folder that has the experiment, if it is not that of a run or a bundle."""
 _ENDINGS = frozenset({".json", ".zip", ".bundle", ".yaml", ".yml"})
 """Endings of files that can be controllers, in lower case; others are ignored."""
+_MOST_LEFT_OUT = 20
+"""Largest number of printed files that are left out; the plain values have all."""
 _CHUNK = 4096
 """Matches that are evaluated at once."""
 _FEW_SEEDS = 5
@@ -202,7 +204,7 @@ class League:
         for side, _ in self.tables:
             title = [f"Side {escape_line(side)}", ""] if side else []
             lines += ["", *title, *columns(self.cells(side))]
-        ends = [f"Left out: {each.reason}" for each in self.left_out]
+        ends = describe_left_out(self.left_out)
         ends += [f"Note: {escape_line(note)}." for note in self.caveats]
         return "\n".join([*lines, *([""] if ends else []), *ends])
 
@@ -213,7 +215,7 @@ class League:
             head, *rows = self.cells(side)
             lines += ["", f"## {_escape_markdown(side)}", ""] if side else [""]
             lines += [_row(head), _row(["---"] * len(head), escape=False), *map(_row, rows)]
-        ends = [f"- Left out: {_escape_markdown(each.reason)}" for each in self.left_out]
+        ends = [f"- {_escape_markdown(line)}" for line in describe_left_out(self.left_out)]
         ends += [f"- {_escape_markdown(note)}." for note in self.caveats]
         return "\n".join([*lines, *([""] if ends else []), *ends]) + "\n"
 
@@ -265,6 +267,13 @@ class League:
             "left_out": [each._asdict() for each in self.left_out],
             "notes": list(self.caveats),
         }
+
+
+def describe_left_out(left_out: Sequence[LeftOut]) -> list[str]:
+    """Return a line for each file or folder that is left out; of many, for the first and their number."""
+    more = len(left_out) - _MOST_LEFT_OUT
+    lines = [f"Left out: {each.reason}" for each in left_out[:_MOST_LEFT_OUT]]
+    return [*lines, *([f"Left out: {more:,} more; --json has all"] if more > 0 else [])]
 
 
 def find_entries(folder: Path) -> list[str]:

@@ -257,6 +257,17 @@ def test_the_file_of_a_folder_is_its_experiment(tmp_path: Path) -> None:
     assert find_experiment(tmp_path, []) == Experiment.from_mapping(SOCCER)
 
 
+def test_many_other_files_are_counted(folder: Path) -> None:
+    for number in range(50):
+        (folder / f"x{number:02}.json").write_text("{}")
+    table = league(folder)
+    assert len(table.left_out) == 51
+    for text in (str(table), table.markdown()):
+        lines = [line for line in text.splitlines() if "Left out: " in line]
+        assert len(lines) == 21
+        assert lines[-1].endswith("Left out: 31 more; --json has all")
+
+
 def test_three_sides_are_refused(folder: Path) -> None:
     with pytest.raises(InputError, match=r"needs two sides, so that two .*, but .* has first, second, third"):
         league(folder, TRIO)

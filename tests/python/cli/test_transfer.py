@@ -37,7 +37,7 @@ def test_it_prints_draws_and_writes_every_episode(program: Any, run: str, tmp_pa
     options = ("--to", "faster.yaml", *SLOWER, "--candidates", "5", "--random", "3", "--seeds", "20")
     result = program("transfer", run, *options, "--out", "loss.png", "--csv", "loss.csv")
     assert (result.returncode, result.stderr) == (0, "")
-    assert result.stdout.endswith("Every episode is in loss.csv\nThe figure is in loss.png\n")
+    assert result.stdout.endswith("The table is in loss.csv\nThe figure is in loss.png\n")
     assert result.stdout.count("Rank correlation of the 8 candidates") == 2
     best = Run.open(tmp_path / run).best
     assert f"{best.generation}:{best.candidate}" in [
