@@ -19,8 +19,8 @@ from swarmwright.cli._evaluating import Evaluating, evaluation_options
 )
 @click.argument("folder", type=options.ExistingPath(folder=True), metavar="FOLDER")
 @options.experiment_option(
-    "Experiment with matches of two sides. Default: FOLDER/league.yaml, if its simulation is built in, or that "
-    "of the first run or bundle."
+    "Experiment with matches of two sides. Default: FOLDER/league.yaml, if its simulation is built in, or "
+    "that of the first run or bundle."
 )
 @options.episodes_option("Number of episodes of each match.", default=10, most=1_000_000)
 @options.seed_option(options.HELD_OUT_SEEDS)
