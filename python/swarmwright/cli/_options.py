@@ -290,11 +290,11 @@ def gather(make: Callable[..., Mapping[str, Any]], *options: Decorator) -> Decor
     make: gets the values by name.
     """
 
-    def declared() -> None:
+    def holder() -> None:
         """Hold the options, whose names are read from it."""
 
-    combine_options(*options)(declared)
-    parameters: list[click.Parameter] = declared.__click_params__  # type: ignore[attr-defined]
+    combine_options(*options)(holder)
+    parameters: list[click.Parameter] = holder.__click_params__  # type: ignore[attr-defined]
     names = [parameter.name for parameter in parameters if parameter.expose_value]
 
     def decorate(command: Any) -> Any:  # noqa: ANN401 - click's decorators
