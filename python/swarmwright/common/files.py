@@ -33,7 +33,7 @@ def suggest_file(path: Path) -> str:
         beside = sorted(
             neighbour
             for neighbour in path.parent.iterdir()
-            if neighbour.suffix.lower() in _related_suffixes(path)
+            if neighbour.suffix.lower() in _find_suffixes(path)
         )
     except (OSError, ValueError):  # the folder is missing or unreadable; not a path
         return ""
@@ -43,7 +43,7 @@ def suggest_file(path: Path) -> str:
     return "" if match is None else f"; did you mean '{names[match]}'?"
 
 
-def _related_suffixes(path: Path) -> frozenset[str]:
+def _find_suffixes(path: Path) -> frozenset[str]:
     """Return the suffixes of files of the same kind."""
     suffix = path.suffix.lower()
     return _YAML if suffix in _YAML else frozenset({suffix})
