@@ -103,7 +103,7 @@ def test_the_command(run: Run, capsys: pytest.CaptureFixture[str]) -> None:
     assert found["seeds"] == [9, 10, 11, 12, 13]
     assert len(found["elites"]) == len(run.elites.candidates)
     assert command(["runs", "elites", str(run.path), "--seed", "9"]) == 2
-    assert "need --episodes N" in capsys.readouterr().err
+    assert "--seed needs --episodes; add it" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
