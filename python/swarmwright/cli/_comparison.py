@@ -135,6 +135,72 @@ class ComparisonOptions:
             raise click.UsageError(f"--reference: {twice} is given twice; name each objective once.")
 
 
+compare_options = options.gather(
+    lambda **values: {"compared": ComparisonOptions.from_options(**values)},
+    click.option(
+        "--by",
+        "criterion",
+        type=click.Choice(["fitness", "hypervolume", "qd_score", "coverage"]),
+        default="fitness",
+        show_default=True,
+        help="Value to compare: best fitness, hypervolume of nsga2 fronts, or QD score or coverage of "
+        "map_elites and novelty archives.",
+    ),
+    click.option(
+        "--reference",
+        type=options.objective_value,
+        multiple=True,
+        metavar="NAME=VALUE",
+        help="With --by hypervolume: reference point, a value for fitness and each objective. Default: "
+        "objectives scaled to their range in the compared fronts, and a point 10 % beyond the worst.",
+    ),
+    click.option(
+        "--offset",
+        type=options.finite_number,
+        metavar="FITNESS",
+        help="With --by qd_score: worst possible fitness, subtracted from each elite's. Default: 0, or "
+        "the lowest compared fitness if negative.",
+    ),
+    click.option(
+        "--at",
+        type=options.WholeNumber(min=1),
+        metavar="EVALUATIONS",
+        help="Compare the best of each run's first EVALUATIONS. Default: whole runs.",
+    ),
+    click.option(
+        "--at-episodes",
+        type=options.WholeNumber(min=1),
+        metavar="EPISODES",
+        help="Compare the best after at most EPISODES episodes, for runs that differ in ranking.episodes.",
+    ),
+    click.option(
+        "--held-out", is_flag=True, help="Compare the best candidates by their validation on held-out seeds."
+    ),
+    click.option(
+        "--unfinished",
+        is_flag=True,
+        help="Include runs that failed, were interrupted or are still running. Runs that reached --at or "
+        "--at-episodes are always included.",
+    ),
+    click.option(
+        "--order",
+        multiple=True,
+        metavar="ORDER",
+        help="Order of the groups: rank (by median, best first), name, given (as listed), or group "
+        "labels, each with its own --order. Default: rank.",
+    ),
+    click.option(
+        "--label",
+        "labels",
+        type=options.parse_new_name,
+        multiple=True,
+        metavar="GROUP=NAME",
+        help="Rename a group or task: --label nnga='genetic algorithm'. Repeatable.",
+    ),
+)
+"""Options shared by commands that compare runs, which get `compared`, a `ComparisonOptions`."""
+
+
 def show_comparison(
     output: Output, paths: Sequence[Path], compared: ComparisonOptions
 ) -> "tuple[Comparison, int]":

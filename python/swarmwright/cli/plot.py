@@ -8,10 +8,10 @@ import click
 
 from swarmwright.cli import _options as options
 from swarmwright.cli._commands import Command
+from swarmwright.cli._comparison import ComparisonOptions, compare_options, show_comparison, single_run
 from swarmwright.cli._output import Output
 
 if TYPE_CHECKING:
-    from swarmwright.cli._comparison import ComparisonOptions
     from swarmwright.display.figures.style import Page
     from swarmwright.runs.metric_curves import Names
 
@@ -59,7 +59,7 @@ if TYPE_CHECKING:
     "one column.",
 )
 @click.option("--title", metavar="TEXT", help="Title of the figure; '' for none.")
-@options.compare_options
+@compare_options
 @options.json_option
 def command(
     runs: tuple[Path, ...],
@@ -70,7 +70,7 @@ def command(
     width: str | None,
     title: str | None,
     output: Output,
-    compared: "ComparisonOptions",
+    compared: ComparisonOptions,
 ) -> int:
     """Plot a run, or compare several.
 
@@ -79,7 +79,6 @@ def command(
     effect sizes). RUN can be the folder of a sweep. Runs that are unfinished, empty, damaged or missing are
     reported and excluded, and the exit status is 1.
     """
-    from swarmwright.cli._comparison import ComparisonOptions, single_run
     from swarmwright.display.figures.style import Page, use_page
 
     page = Page.from_options(style, width, title)
@@ -135,11 +134,10 @@ def _draw_several(
     runs: Sequence[Path],
     file: Path,
     x: str,
-    compared: "ComparisonOptions",
+    compared: ComparisonOptions,
     page: "Page",
     metrics: "Names | None",
 ) -> int:
-    from swarmwright.cli._comparison import show_comparison
     from swarmwright.display.figures import style
     from swarmwright.display.figures.style import use_page
 

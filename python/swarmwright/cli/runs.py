@@ -14,6 +14,15 @@ import click
 
 from swarmwright.cli import _options as options
 from swarmwright.cli._commands import Group
+from swarmwright.cli._comparison import (
+    INCOMPLETE,
+    ComparisonOptions,
+    compare_options,
+    folders_of,
+    readable_runs,
+    run_folders,
+    show_comparison,
+)
 from swarmwright.cli._evaluating import Evaluating, evaluation_options
 from swarmwright.cli._output import Output, complain, print_note
 from swarmwright.cli._runs import describe, facts_of, list_table, reading_progress
@@ -24,7 +33,6 @@ from swarmwright.common.suggestions import unknown_key
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from swarmwright.cli._comparison import ComparisonOptions
     from swarmwright.cli._deletion import Deletion
 
 
@@ -350,7 +358,7 @@ def diff(first_path: Path, second_path: Path, output: Output) -> int:
     "swarmwright runs compare fronts/* --by hypervolume --reference fitness=0 --reference speed=0.12",
 )
 @click.argument("runs", type=options.ExistingPath(folder=None), nargs=-1, required=True, metavar="RUN...")
-@options.compare_options
+@compare_options
 @click.option(
     "--csv",
     "csv_file",
@@ -369,7 +377,7 @@ def compare(
     csv_file: Path | None,
     latex_file: Path | None,
     output: Output,
-    compared: "ComparisonOptions",
+    compared: ComparisonOptions,
 ) -> int:
     """Compare the best fitness that runs reached, or their fronts or archives.
 
@@ -384,7 +392,6 @@ def compare(
     `swarmwright plot` draws the comparison; `swarmwright compare` compares two controllers.
     """
     from swarmwright.analysis import table
-    from swarmwright.cli._comparison import show_comparison
 
     targets = ((csv_file, table.CSV), (latex_file, table.LATEX))
     files = [(file, ending) for file, ending in targets if file is not None]
@@ -466,7 +473,6 @@ def verify(runs: tuple[Path, ...], output: Output) -> int:
     missing.
     """
     from swarmwright import InputError
-    from swarmwright.cli._comparison import folders_of
     from swarmwright.cli._runs import print_verification
     from swarmwright.runs.store import FILE
     from swarmwright.runs.verification import verify as verify_run
@@ -558,7 +564,6 @@ def export_records(output: Output, folder: Path, file: Path) -> int:
     """
     from swarmwright import InputError
     from swarmwright.analysis.sweep_table import write_records
-    from swarmwright.cli._comparison import INCOMPLETE, readable_runs, run_folders
 
     folders, missing = run_folders([folder])
     open_snapshot, unreadable = readable_runs(folders)

@@ -181,7 +181,10 @@ def test_metrics_are_measured_where_they_are_asked_for(program: Any, noisy: Path
     wrong = program("evaluate", "run", *options, "--metrics", "arived")
     assert wrong.returncode == 2
     assert "metrics: unknown metric 'arived'; did you mean 'arrived'?" in wrong.stderr
-    assert "--metrics needs --episodes or --seed; add one" in program("evaluate", "run", "--metrics", "all").stderr
+    assert (
+        "--metrics needs --episodes or --seed; add one"
+        in program("evaluate", "run", "--metrics", "all").stderr
+    )
 
 
 def test_it_is_exported(program: Any, noisy: Path) -> None:
