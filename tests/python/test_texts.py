@@ -19,6 +19,8 @@ PRODUCT = ROOT / "python" / "swarmwright"
 ENGINE = ROOT / "engine"
 WORDS = 3
 """Texts with fewer words are names, keys and formats."""
+ADDRESS = re.compile(r"swarmwright(\.\w+)+(:\w+)?")
+"""A module or class by its name, as registries have them."""
 
 
 class Texts(SingleFileSnapshotExtension):
@@ -87,7 +89,7 @@ def rooms() -> dict[str, list[tuple[str, list[str]]]]:
 
 def lines(texts: list[str]) -> list[str]:
     """Return those that are read by people, a line each."""
-    return [" ".join(text.split()) for text in texts if words(text) >= WORDS]
+    return [" ".join(text.split()) for text in texts if words(text) >= WORDS and not ADDRESS.fullmatch(text)]
 
 
 def listing(files: list[tuple[str, list[str]]]) -> str:
