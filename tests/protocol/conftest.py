@@ -8,12 +8,29 @@ from typing import Any, TypeAlias
 
 import pytest
 from jsonschema import Draft202012Validator, FormatChecker
+from ruamel.yaml import YAML
 
 PROTOCOL = Path(__file__).parents[2] / "protocol"
 TOPICS = ("discovery", "server", "parameters", "control", "sensor", "actuator", "fitness")
 
 Validators = Callable[[str], Draft202012Validator]
 Value: TypeAlias = Any  # JSON of whatever shape
+
+
+def _kinds() -> dict[str, str]:
+    schemas = {
+        path.name.removesuffix(".schema.json"): json.loads(path.read_text(encoding="utf-8"))
+        for path in sorted((PROTOCOL / "schemas").glob("*.schema.json"))
+    }
+    constants = {name: schema["properties"].get("kind", {}).get("const") for name, schema in schemas.items()}
+    return {kind: name for name, kind in constants.items() if kind}
+
+
+KINDS = _kinds()
+"""Extension messages, which share topics: the name of the schema of each `kind`."""
+_CHANNELS = YAML(typ="safe").load(PROTOCOL / "asyncapi.yaml")["channels"]
+BLOCKS = {name: topic for topic in ("to_server", "to_tool") for name in _CHANNELS[topic]["messages"]}
+"""The topic of each extension message, by the name of its schema, and of control messages to one server."""
 
 
 @functools.cache

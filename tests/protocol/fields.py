@@ -16,7 +16,7 @@ from typing import Any, TypeAlias
 
 import msgpack
 
-from tests.protocol.conftest import PROTOCOL
+from tests.protocol.conftest import BLOCKS, KINDS, PROTOCOL
 from tests.protocol.test_extension import DEFAULTS, RefusedError, check, plain
 
 Path: TypeAlias = tuple[str | int, ...]
@@ -216,10 +216,6 @@ MESSAGES: dict[str, Json] = {
 }
 """Each message with every field of its schema."""
 
-TOPICS = dict.fromkeys(("evaluate", "batch_start", "batch_actuators"), "to_server") | dict.fromkeys(
-    ("evaluated", "batch_sensors", "failed", "scene"), "to_tool"
-)
-
 LENIENT: set[tuple[str, Path]] = {
     ("discovery", ("tool",)),
     ("control", ("tool",)),
@@ -282,14 +278,14 @@ def packed(message: str, value: Json) -> bytes:
 
 def encoded(message: str, value: Json) -> Json:
     """The payload as the vectors have it."""
-    if message in TOPICS:
+    if message in KINDS.values():
         return {"bytes": base64.b64encode(packed(message, value)).decode()}
     return {"text": json.dumps(value)}
 
 
 def is_consistent(message: str, value: Json) -> bool:
     """Whether arrays have the shapes and numbers that the others demand, which a schema cannot express."""
-    if message not in TOPICS:
+    if message not in KINDS.values():
         return True
     try:
         check({**DEFAULTS.get(value["kind"], {}), **value})
@@ -302,7 +298,7 @@ def variants(message: str) -> Iterator[Json]:
     """The vectors of a message."""
 
     def vector(name: str, accept: bool, value: Json) -> Json:
-        topic = TOPICS.get(message, message)
+        topic = BLOCKS[message] if message in KINDS.values() else message
         return {"name": f"{message}: {name}", "topic": topic, "accept": accept, **encoded(message, value)}
 
     complete = MESSAGES[message]

@@ -13,19 +13,12 @@ import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
 
+from tests.protocol.conftest import BLOCKS, KINDS
+
 Validators = Callable[[str], Draft202012Validator]
 Json = dict[str, Any]
 PROTOCOL = Path(__file__).parents[2] / "protocol"
 VECTORS: list[Json] = json.loads((PROTOCOL / "vectors" / "extension.json").read_text(encoding="utf-8"))
-SCHEMAS = {
-    "evaluate": "evaluate",
-    "start": "batch_start",
-    "actuators": "batch_actuators",
-    "evaluated": "evaluated",
-    "sensors": "batch_sensors",
-    "failed": "failed",
-    "scene": "scene",
-}
 ARRAYS = {
     "genomes": "<f4",
     "seeds": "<u8",
@@ -158,13 +151,9 @@ def unpack(payload: bytes) -> Json:
 def read(topic: str, payload: bytes, validators: Validators) -> Json:
     """The typed message, defaults filled in."""
     message = unpack(payload)
-    kinds = (
-        ("evaluate", "start", "actuators")
-        if topic == "to_server"
-        else ("evaluated", "sensors", "failed", "scene")
-    )
-    demand(message.get("kind") in kinds, "another kind")
-    validator = validators(SCHEMAS[message["kind"]])
+    name = KINDS.get(message.get("kind", ""), "")
+    demand(BLOCKS.get(name) == topic, "another kind")
+    validator = validators(name)
     demand(validator.is_valid(plain(message)), "does not fit its schema")
     # Base64 stands for binary in the schemas; text in its place is another thing.
     parts = [message] if message["kind"] != "scene" else [message["bodies"], message.get("rays") or {}]
@@ -227,7 +216,7 @@ def test_canonical_vector_is_what_msgpack_writes(vector: Json) -> None:
 @pytest.mark.parametrize("vector", [v for v in VECTORS if v.get("schema")], ids=lambda vector: vector["name"])
 def test_what_a_schema_cannot_say_is_said_by_the_reader(vector: Json, validators: Validators) -> None:
     message = unpack(base64.b64decode(vector["bytes"]))
-    validators(SCHEMAS[message["kind"]]).validate(plain(message))
+    validators(KINDS[message["kind"]]).validate(plain(message))
     assert not vector["accept"]
 
 
@@ -240,4 +229,4 @@ def test_vectors_have_both_outcomes_of_every_kind() -> None:
                     found.add(unpack(base64.b64decode(vector["bytes"])).get("kind"))
                 except RefusedError:
                     assert not accept
-        assert set(SCHEMAS) <= found
+        assert set(KINDS) <= found
