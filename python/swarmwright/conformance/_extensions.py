@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from swarmwright.common.errors import InputError
 from swarmwright.common.json_text import Json
 from swarmwright.common.random_numbers import Streams
+from swarmwright.conformance._controller_kinds import OPTIONS
 from swarmwright.conformance._server_under_test import Server, Steer
 from swarmwright.conformance.rules import Skip
 from swarmwright.controllers import REPRESENTATIONS
@@ -21,22 +22,8 @@ from swarmwright.servers.broker.client import TO_TOOL, Failure, Message, format_
 TOOL = "conformance/a"
 OTHER = "conformance/b"
 _numbers = itertools.count(1)
-OPTIONS: dict[str, dict[str, Any]] = {
-    "layered": {"hidden": [3], "activation": "tanh"},
-    "fully_meshed": {"hidden": 2, "activation": "sigmoid", "iterations": 2},
-    "mealy_fsm": {"states": 3, "levels": 2},
-    "evostick": {},
-    "hebbian": {"hidden": 1, "iterations": 2},
-    "neat": {"iterations": 2},
-    "growing": {"recurrent": True, "add_node": 0.5, "add_connection": 0.5, "weight_range": 2.0},
-    "modules": {},
-}
-"""Options for testing each kind of controller that steers agents. All kinds except `layered` and `evostick`
-have a state."""
 _MUTATIONS = 12
 """Mutations by which growing networks have grown."""
-KINDS = (*OPTIONS, "parameter_set")
-"""All kinds of controller."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +54,7 @@ def controller_set(
 ) -> ControllerSet:
     """Create controllers for the server, the same in every run; skip the rule if no kind fits.
 
-    changes: options of the representation that differ from `OPTIONS`.
+    changes: options of the representation that differ from those of the kind's first trial.
     """
     component = REPRESENTATIONS.get("neat" if kind == "growing" else kind)
     values = {**OPTIONS[kind], **changes}

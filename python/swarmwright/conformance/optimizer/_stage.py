@@ -11,7 +11,8 @@ import msgpack
 import numpy as np
 
 from swarmwright import _engine
-from swarmwright.conformance._extensions import KINDS, decode_message
+from swarmwright.conformance._controller_kinds import KINDS
+from swarmwright.conformance._extensions import decode_message
 from swarmwright.servers.broker.client import TO_SERVER, TO_TOOL, Client, Failure, Message
 
 Json = dict[str, Any]

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from swarmwright.common.json_text import Json, is_number
 from swarmwright.common.random_numbers import Streams
+from swarmwright.conformance._controller_kinds import OPTIONS, REAL_KINDS, TRIALS, Trial
 from swarmwright.conformance._extensions import (
-    OPTIONS,
     OTHER,
     TOOL,
     ControllerSet,
@@ -105,15 +105,13 @@ def parameter_set_of(values: Mapping[str, float], candidates: int) -> Controller
 
 
 NORMAL = "normal"
-REAL = ("layered", "fully_meshed", "evostick", "hebbian")
-"""Kinds of controller whose weights can be any number."""
 ROWS = ("center", "deviation", "middle", "reach", "lower", "upper")
 
 
 def makes_samples(server: Server, architecture: Json) -> bool:
     """Return whether the server announces that it creates such genomes from samples."""
     announced = server.announced.get("distributions")
-    return isinstance(announced, list) and NORMAL in announced and architecture.get("kind") in REAL
+    return isinstance(announced, list) and NORMAL in announced and architecture.get("kind") in REAL_KINDS
 
 
 def sample_of(weights: int, candidates: int) -> Json:
@@ -260,83 +258,25 @@ def _must_have_stepwise_fitness(server: Server, controllers: ControllerSet) -> s
     return f"{len(set(fitness.tolist()))} different values"
 
 
-_KINDS: tuple[tuple[str, str, str, dict[str, str], str], ...] = (
-    (
-        "S9.3",
-        "Layered networks",
-        "layered",
-        {},
-        (
-            "compute in binary32 in the order of decision 002; map output o to the actuator o for "
-            "output_range [-1, 1], 2 * o - 1 for [0, 1], else (o - lo) / (hi - lo) * 2 - 1, and NaN to 0"
-        ),
-    ),
-    ("S9.4", "Fully meshed networks", "fully_meshed", {}, "reset every agent's nodes at the start"),
-    ("S9.5", "Finite-state machines", "mealy_fsm", {}, "reset every agent's state at the start"),
-    (
-        "S9.15",
-        "EvoStick's networks",
-        "evostick",
-        {},
-        "use the logistic function of 4.924273 times the sum, bias last, mapped to -1..1",
-    ),
-    (
-        "S9.18",
-        "Networks with Hebbian learning",
-        "hebbian",
-        {},
-        "start with the genome's weights, learn in binary64, keep a node's weight to itself",
-    ),
-    (
-        "S9.19",
-        "NEAT's networks",
-        "neat",
-        {},
-        "compute in binary64 with the e^x of decision 002, node by node, and keep the outputs in binary64",
-    ),
-    (
-        "S9.21",
-        "NEAT's growing networks",
-        "growing",
-        {},
-        "skip disabled connections, compute recurrent nodes from the outputs of the step before",
-    ),
-    (
-        "S9.16",
-        "Machines of modules",
-        "modules",
-        {},
-        "take random numbers from the ninth sensor alone; make no transition in the step that enters a state",
-    ),
-    (
-        "S9.17",
-        "Behaviour trees of modules",
-        "modules",
-        {"form": "tree"},
-        "continue the subtree of the last step, and stop for a step after the last one",
-    ),
-)
-"""For each kind of controller: the id of its rule, its name, its options, and advice."""
-
-
-def _register_kind(number: str, words: str, kind: str, options: Mapping[str, str], advice: str) -> None:
+def _register(trial: Trial) -> None:
     @rule(
-        number,
-        f"{words} give their stepwise fitness, to the last bit.",
+        trial.rule,
+        f"{trial.title} give their stepwise fitness, to the last bit.",
         where="decision 002",
-        fix=f"{advice}; replay protocol/vectors/controllers.json",
+        fix=f"{trial.advice}; replay protocol/vectors/controllers.json",
         needs=["S9.1", "S3.2"],
     )
     def _equals_stepwise(server: Server) -> str:
         """Evaluate three candidates with two seeds."""
-        must_announce_kind(server, kind)
+        must_announce_kind(server, trial.kind)
         server.comparable()
         _ = server.reference
-        return _must_have_stepwise_fitness(server, controller_set(server, kind, CANDIDATES, **options))
+        controllers = controller_set(server, trial.kind, CANDIDATES, **trial.options)
+        return _must_have_stepwise_fitness(server, controllers)
 
 
-for _row in _KINDS:
-    _register_kind(*_row)
+for _trial in TRIALS:
+    _register(_trial)
 
 
 @rule(
