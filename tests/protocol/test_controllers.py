@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 
 import swarmwright
+from tests.protocol.cases import drawn, lines
 from tests.protocol.conftest import PROTOCOL, vectors
 from tests.protocol.controllers import FUNCTIONS, Controller, merged
 
 Json = dict[str, Any]
 VECTORS: Json = vectors("controllers.json")
+TEXT = (PROTOCOL / "vectors" / "controllers.json").read_text(encoding="utf-8")
 
 
 def number(hexadecimal: str, bits: str) -> np.float32:
@@ -47,6 +49,20 @@ def test_controllers(case: Json) -> None:
                 controller.reset()
             found = controller.step(numbers(step, "sensor"))
             assert list(map(bits, found)) == list(map(bits, numbers(step, "actuator")))
+
+
+@pytest.mark.parametrize("case", VECTORS["controllers"], ids=lambda case: case["name"])
+def test_the_file_is_what_the_program_writes(case: Json) -> None:
+    steps = [(step["reset"], numbers(step, "sensor")) for step in case["steps"]]
+    assert lines(case["name"], case["specification"], steps) in TEXT
+
+
+def test_the_program_draws_two_episodes() -> None:
+    specification = VECTORS["controllers"][0]["specification"]
+    case = json.loads(lines("new", specification, drawn(specification["sensors"])))
+    assert [step["reset"] for step in case["steps"]] == [True, False, False, False] * 2
+    sensors = [tuple(step["sensors"]) for step in case["steps"]]
+    assert len(set(sensors)) == len(sensors)
 
 
 @pytest.mark.parametrize("case", VECTORS["parameter_sets"], ids=lambda case: case["name"])
