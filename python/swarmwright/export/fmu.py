@@ -62,6 +62,39 @@ def unit_name(unit: str) -> str:
     return " ".join(unit.replace("\N{DEGREE SIGN}", "deg").split())
 
 
+def start_description(
+    fmi: str, name: str, identifier: str, description: str, *, keeps_state: bool = True
+) -> tuple[ET.Element, ET.Element]:
+    """Build the root of modelDescription.xml, and its first element, CoSimulation.
+
+    keeps_state: whether the state of an instance can be read, written and serialized.
+    """
+    from swarmwright import __version__  # noqa: PLC0415 - asks the engine
+
+    three = fmi == "3.0"
+    root = ET.Element(
+        "fmiModelDescription",
+        {
+            "fmiVersion": fmi,
+            "modelName": name,
+            ("instantiationToken" if three else "guid"): identifier,
+            "description": description,
+            "generationTool": f"Swarmwright {__version__}",
+            "variableNamingConvention": "structured",
+            **({} if three else {"numberOfEventIndicators": "0"}),
+        },
+    )
+    state, keeps = "FMUState" if three else "FMUstate", str(keeps_state).lower()
+    attributes = {
+        "modelIdentifier": name,
+        f"canGetAndSet{state}": keeps,
+        f"canSerialize{state}": keeps,
+        "canHandleVariableCommunicationStepSize": "true",
+        **({} if three else {"canNotUseMemoryManagementFunctions": "true"}),
+    }
+    return root, ET.SubElement(root, "CoSimulation", attributes)
+
+
 def add_units(root: ET.Element, names: Iterable[str]) -> None:
     """Add the definitions of units, in SI base units if known."""
     units = ET.SubElement(root, "UnitDefinitions")
@@ -331,30 +364,9 @@ class Fmu(Exporter):
         from swarmwright import __version__  # noqa: PLC0415 - asks the engine
 
         three = self.fmi == "3.0"
-        root = ET.Element(
-            "fmiModelDescription",
-            {
-                "fmiVersion": self.fmi,
-                "modelName": prefix,
-                ("instantiationToken" if three else "guid"): token,
-                "description": _describe_subject(subject) or prefix,
-                "generationTool": f"Swarmwright {__version__}",
-                "variableNamingConvention": "structured",
-                **({} if three else {"numberOfEventIndicators": "0"}),
-            },
-        )
-        state = "FMUState" if three else "FMUstate"
-        attributes = {
-            "modelIdentifier": prefix,
-            f"canGetAndSet{state}": "true",
-            f"canSerialize{state}": "true",
-            "canHandleVariableCommunicationStepSize": "true",
-        }
-        if three:
-            ET.SubElement(root, "CoSimulation", attributes)
-        else:
-            attributes["canNotUseMemoryManagementFunctions"] = "true"
-            files = ET.SubElement(ET.SubElement(root, "CoSimulation", attributes), "SourceFiles")
+        root, simulation = start_description(self.fmi, prefix, token, _describe_subject(subject) or prefix)
+        if not three:
+            files = ET.SubElement(simulation, "SourceFiles")
             for name in (f"{prefix}.c", f"{prefix}_fmu.c"):
                 ET.SubElement(files, "File", name=name)
         add_units(root, variables.units)

@@ -36,6 +36,7 @@ from swarmwright.export.fmu import (
     add_units,
     format_xml,
     name_variables,
+    start_description,
     token,
     unit_name,
     zip_files,
@@ -682,28 +683,8 @@ def _description(model: Model, fmi: str, name: str, identifier: str) -> str:
 
     three = fmi == "3.0"
     variables = list(model.variables())
-    root = ET.Element(
-        "fmiModelDescription",
-        {
-            "fmiVersion": fmi,
-            "modelName": name,
-            ("instantiationToken" if three else "guid"): identifier,
-            "description": _describe_model(model),
-            "generationTool": f"Swarmwright {__version__}",
-            "variableNamingConvention": "structured",
-            **({} if three else {"numberOfEventIndicators": "0"}),
-        },
-    )
-    state = "FMUState" if three else "FMUstate"
-    keeps = "true" if model.dimensions is None else "false"
-    attributes = {
-        "modelIdentifier": name,
-        f"canGetAndSet{state}": keeps,
-        f"canSerialize{state}": keeps,
-        "canHandleVariableCommunicationStepSize": "true",
-        **({} if three else {"canNotUseMemoryManagementFunctions": "true"}),
-    }
-    ET.SubElement(root, "CoSimulation", attributes)
+    keeps_state = model.dimensions is None
+    root, _ = start_description(fmi, name, identifier, _describe_model(model), keeps_state=keeps_state)
     scales = [
         unit_name(variable.stands_for.unit) for variable in variables if variable.stands_for is not None
     ]
