@@ -13,9 +13,6 @@ const SILENCE: Duration = Duration::from_secs(1);
 /// Largest number of characters of a reason in a status.
 const LONGEST: usize = 200;
 
-/// How long to wait for the answers of other servers after one refused the work.
-const OTHERS: Duration = Duration::from_millis(500);
-
 /// Sizes of a scheduler's collections.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Holdings {
@@ -65,8 +62,7 @@ impl Scheduler {
     /// Returns why the work cannot be done, if all servers refuse it.
     #[must_use]
     pub fn rejected(&self, now: Instant) -> Option<String> {
-        let settled = now.saturating_duration_since(self.outlook.refused_at()?) >= OTHERS;
-        let alone = settled && self.busy_elsewhere().is_none();
+        let alone = self.outlook.is_refused(now) && self.busy_elsewhere().is_none();
         alone.then(|| self.fleet.refused()).flatten()
     }
 

@@ -98,6 +98,20 @@ impl Fleet {
         (!lines.is_empty()).then(|| lines.join("; "))
     }
 
+    /// Returns whether there is any other server.
+    pub fn has_other(&self, server: u64) -> bool {
+        self.slots().any(|(id, _)| id != server)
+    }
+
+    /// Describes for users where the failed work of this server is retried.
+    pub fn again(&self, server: u64) -> &'static str {
+        if self.has_other(server) {
+            " elsewhere"
+        } else {
+            "; there is no other server"
+        }
+    }
+
     /// Returns the metrics that servers announce, sorted, to suggest corrections of misspelt names.
     pub fn metrics(&self) -> Vec<String> {
         let mut names: Vec<String> = self.metrics.values().flatten().cloned().collect();

@@ -3,6 +3,7 @@
 use swarmwright_protocol::Announcement;
 
 use crate::scheduler::fleet::Fleet;
+use crate::scheduler::queue::results::ServerResult;
 
 impl Fleet {
     fn announcement(&self, id: u64) -> Option<&Announcement> {
@@ -14,6 +15,20 @@ impl Fleet {
         let declared =
             |announced: &Announcement| announced.determinism.as_deref() == Some("bitwise");
         self.announcement(id).is_some_and(declared)
+    }
+
+    /// Returns another possible cause of different results: a simulation that is declared deterministic but does not
+    /// reset fully.
+    pub fn other_cause(&self, results: &[ServerResult]) -> &'static str {
+        let declared = results
+            .iter()
+            .all(|result| self.repeats_itself(result.server));
+        if declared {
+            "; or the simulation, which declares determinism: bitwise, gives different results for the same episode, since its \
+             reset may not restore everything"
+        } else {
+            ""
+        }
     }
 
     /// Returns whether the results of a server can be compared with those of others.

@@ -98,6 +98,12 @@ impl Fleet {
         self.slots().filter(|(_, slot)| slot.usable())
     }
 
+    /// Returns the ids of servers that do not announce their instance, which two servers may share.
+    pub fn without_instance(&self) -> BTreeSet<u64> {
+        let doubtful = self.slots().filter(|(_, slot)| slot.instance.is_none());
+        doubtful.map(|(id, _)| id).collect()
+    }
+
     /// Returns the health of all ids.
     pub fn health(&self) -> &Health {
         &self.health

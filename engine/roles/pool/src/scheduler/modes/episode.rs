@@ -8,6 +8,7 @@ use swarmwright_protocol::{Missing, PieceKind, ReadingWriter, SensorReading, Wai
 use crate::config::Config;
 use crate::scheduler::modes::REPORT_TIMEOUT;
 use crate::scheduler::queue::piece::Piece;
+use crate::sections::Timeouts;
 
 /// How long a server may take to send a valid message after one was refused.
 const AFTER_REFUSAL: Duration = Duration::from_secs(2);
@@ -220,6 +221,19 @@ impl Episode {
         let refused = self.refused.as_ref().map(|(at, _)| *at + AFTER_REFUSAL);
         let earlier = [refused, self.vacant_until(), self.unnamed_until()];
         earlier.into_iter().flatten().fold(silent, Instant::min)
+    }
+
+    /// Describes why the episode is ended after its deadline.
+    pub fn overdue(&self, timeouts: &Timeouts, now: Instant) -> String {
+        if let Some(reason) = self.refusal() {
+            return format!("server {}: {reason}", self.server);
+        }
+        let hint = if now.saturating_duration_since(self.started) < timeouts.episode {
+            timeouts.step_hint()
+        } else {
+            timeouts.episode_hint()
+        };
+        format!("{}; {hint}", self.waiting_for(now))
     }
 
     /// Describes the message that the episode waits for.

@@ -1,7 +1,7 @@
 //! All work in flight: stepwise episodes by hash, blocks and batches by request number.
 
 use std::collections::{HashMap, VecDeque};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use swarmwright_protocol::{MAX_PAYLOAD, Waiting};
 
@@ -13,6 +13,11 @@ use crate::scheduler::queue::piece::{Piece, Purpose};
 
 /// Number of ended episodes that are remembered.
 const REMEMBERED: usize = 256;
+/// Longest delay of a message behind one that was published after it on another topic.
+const OVERTAKEN: Duration = Duration::from_millis(250);
+/// How long a server may be busy for an unnamed tool before another tool is assumed. It names the tool once it has
+/// received this tool's control message.
+const UNNAMED: Duration = Duration::from_secs(2);
 /// Number of bytes at each end of an oversized message that are searched for the hash.
 const AROUND: usize = 4096;
 
@@ -112,6 +117,26 @@ impl InFlight {
         jobs.extend(requests.map(|(number, request)| (request.server, Job::Request(*number))));
         jobs.sort_by_key(|(server, _)| *server);
         jobs
+    }
+
+    /// Marks the work of a server as backed up. Returns its pieces, sorted, and a message that it waits for.
+    pub fn back_up(&mut self, server: u64, now: Instant) -> (Vec<Piece>, String) {
+        let mut pieces = Vec::new();
+        let mut words = String::new();
+        for run in self.episodes_of(server) {
+            run.back_up();
+            words = run.waiting_for(now).to_string();
+            pieces.push(run.piece.clone());
+        }
+        for request in self.requests_of(server) {
+            request.back_up();
+            if words.is_empty() {
+                words = request.waiting_for(now).to_string();
+            }
+            pieces.push(request.piece.clone());
+        }
+        pieces.sort_by_key(Piece::first);
+        (pieces, words)
     }
 
     /// Takes a job back; `None` if it has ended.
@@ -313,6 +338,27 @@ impl InFlight {
         self.episodes.keys().find(named).cloned()
     }
 
+    /// Handles a server that answers a discovery sent after an episode's control message, and so is not running that
+    /// episode. Either another tool's control message came first and its episode is already over, or the broker
+    /// delivered the two messages in reverse order and signs that the episode has begun arrive in a moment.
+    pub fn server_answered(&mut self, id: u64, round: u64, now: Instant) {
+        for run in self.episodes_of(id) {
+            run.server_answered(round, now + OVERTAKEN);
+        }
+    }
+
+    /// Handles a server that is busy for this tool, whose name is `own`, or does not name the tool.
+    pub fn server_is_busy(&mut self, id: u64, tool: Option<&str>, own: &str, now: Instant) {
+        let until = match tool {
+            None => Some(now + UNNAMED),
+            Some(tool) if tool == own => None,
+            Some(_) => return,
+        };
+        for run in self.episodes_of(id) {
+            run.server_is_busy(until);
+        }
+    }
+
     /// Returns the episodes that should have begun by now on servers that are free, each with its server.
     pub fn vacant_episodes(&self, now: Instant) -> Vec<(String, u64)> {
         self.over_at(Episode::vacant_until, now)
@@ -379,6 +425,18 @@ impl InFlight {
     pub fn requests_of(&mut self, server: u64) -> impl Iterator<Item = &mut Request> {
         let requests = self.requests.values_mut();
         requests.filter(move |request| request.server == server)
+    }
+
+    pub fn is_block(&self, number: u64) -> bool {
+        let request = self.requests.get(&number);
+        request.is_some_and(|request| request.batch.is_none())
+    }
+
+    /// Records that a server is still computing, which extends its lease.
+    pub fn is_alive(&mut self, server: u64, now: Instant) {
+        for request in self.requests_of(server) {
+            request.is_alive(now);
+        }
     }
 
     /// Records that a server has finished its earlier jobs and can begin these.

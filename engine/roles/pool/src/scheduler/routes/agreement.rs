@@ -77,7 +77,9 @@ impl Scheduler {
         second: ServerResult,
         now: Instant,
     ) {
-        let description = self.describe_disagreement(evaluation, &[first.clone(), second.clone()]);
+        let description = self
+            .ledger
+            .describe(evaluation, &[first.clone(), second.clone()]);
         let servers = [first.server, second.server];
         let Some(never) = self.fleet.auditors_but(&servers) else {
             return self.disagree(evaluation, &[first, second]);
@@ -92,38 +94,11 @@ impl Scheduler {
 
     /// Records that it is unknown which server is wrong.
     fn disagree(&mut self, evaluation: usize, results: &[ServerResult]) {
-        let description = self.describe_disagreement(evaluation, results);
+        let description = self.ledger.describe(evaluation, results);
         self.outlook.disagree(format!(
             "{description}; which one is right can only be decided with more servers that agree{}",
-            self.other_cause(results)
+            self.fleet.other_cause(results)
         ));
-    }
-
-    /// Returns another possible cause of a disagreement: a simulation that is declared deterministic but does not reset
-    /// fully.
-    fn other_cause(&self, results: &[ServerResult]) -> &'static str {
-        let declared = results
-            .iter()
-            .all(|result| self.fleet.repeats_itself(result.server));
-        if declared {
-            "; or the simulation, which declares determinism: bitwise, gives different results for the same episode, since its \
-             reset may not restore everything"
-        } else {
-            ""
-        }
-    }
-
-    /// Describes the results of all servers for an evaluation.
-    fn describe_disagreement(&self, evaluation: usize, results: &[ServerResult]) -> String {
-        let each: Vec<String> = results
-            .iter()
-            .map(|result| format!("{} on server {}", result.fitness, result.server))
-            .collect();
-        format!(
-            "{} has the fitness {}",
-            self.ledger.name_of(evaluation),
-            each.join(", ")
-        )
     }
 
     /// Excludes a server that two others have proved wrong, and repeats its evaluations.
@@ -139,9 +114,9 @@ impl Scheduler {
         results.push(wrong.clone());
         let reason = format!(
             "server {server} gives wrong results and is no longer used: {}",
-            self.describe_disagreement(evaluation, &results)
+            self.ledger.describe(evaluation, &results)
         );
-        let cause = self.other_cause(&results);
+        let cause = self.fleet.other_cause(&results);
         self.let_go(server);
         let jobs = self.fleet.distrust(server, &reason);
         let (reopened, lost) = self.redo(server, now);

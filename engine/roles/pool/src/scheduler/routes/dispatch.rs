@@ -24,7 +24,7 @@ impl Scheduler {
         }
         self.probe(now);
         self.start_backups(now);
-        self.judge(now);
+        self.outlook.judge(&self.fleet, self.ledger.finished(), now);
     }
 
     fn give_away(&mut self, now: Instant) {
@@ -109,23 +109,9 @@ impl Scheduler {
     }
 
     fn speculate(&mut self, server: u64, now: Instant) {
-        let mut pieces = Vec::new();
-        let mut words = String::new();
-        for run in self.in_flight.episodes_of(server) {
-            run.back_up();
-            words = run.waiting_for(now).to_string();
-            pieces.push(run.piece.clone());
-        }
-        for request in self.in_flight.requests_of(server) {
-            request.back_up();
-            if words.is_empty() {
-                words = request.waiting_for(now).to_string();
-            }
-            pieces.push(request.piece.clone());
-        }
+        let (pieces, words) = self.in_flight.back_up(server, now);
         self.fleet.fell_silent(server);
         let mut dispatched = false;
-        pieces.sort_by_key(Piece::first);
         for piece in pieces.into_iter().rev() {
             if self.view().may_copy(&piece) && !self.view().is_shared(&piece) {
                 let copies = self.ledger.queue_copies(&piece, server);
@@ -134,7 +120,7 @@ impl Scheduler {
             }
         }
         if dispatched {
-            let once = if self.has_other(server) {
+            let once = if self.fleet.has_other(server) {
                 ""
             } else {
                 " once there is one"
@@ -142,20 +128,6 @@ impl Scheduler {
             self.outbox.warn(format!(
                 "{words}, much longer than ever before; the work goes to another server as well{once}"
             ));
-        }
-    }
-
-    /// Returns whether there is any other server.
-    fn has_other(&self, server: u64) -> bool {
-        self.fleet.slots().any(|(id, _)| id != server)
-    }
-
-    /// Describes for users where the failed work of this server is retried.
-    pub(super) fn again(&self, server: u64) -> &'static str {
-        if self.has_other(server) {
-            " elsewhere"
-        } else {
-            "; there is no other server"
         }
     }
 

@@ -4,7 +4,6 @@
 //! servers that do not may step the same episode, which makes its result wrong; so the results under the id are
 //! computed again, unless they have been returned.
 
-use std::collections::BTreeSet;
 use std::time::Instant;
 
 use crate::scheduler::Scheduler;
@@ -51,15 +50,9 @@ impl Scheduler {
         if self.ledger.is_revised() {
             return;
         }
-        let slots = self.fleet.slots();
-        let doubtful = slots.filter(|(_, slot)| slot.instance.is_none());
-        let doubtful: BTreeSet<u64> = doubtful.map(|(id, _)| id).collect();
-        if doubtful.is_empty() {
-            return;
-        }
-        let authors = self.ledger.authors().into_iter();
-        for id in authors.filter(|id| doubtful.contains(id)) {
-            self.unproven.handed_out(id);
+        let doubtful = self.fleet.without_instance();
+        if !doubtful.is_empty() {
+            self.unproven.handed_out(self.ledger.authors(), &doubtful);
         }
     }
 }

@@ -6,16 +6,10 @@ use std::time::{Duration, Instant};
 
 use crate::journal::{Attempt, FailedEvaluation, Outcome};
 use crate::scheduler::Scheduler;
-use crate::scheduler::fleet::slot::Slot;
 use crate::scheduler::job::Job;
 use crate::scheduler::queue::blame::{Blame, Cause, Resolved, Verdict};
 use crate::scheduler::queue::ledger::failures::Failed;
 use crate::scheduler::queue::piece::{Piece, Purpose};
-
-/// Factor for the patience with silent or useless servers that may be sound.
-const SILENCE_FACTOR: u32 = 4;
-/// Absence of a server after which its unconfirmed reports are dropped; longer than a turn of another tool.
-const ABSENCE_TIMEOUT: Duration = Duration::from_secs(30);
 
 impl Scheduler {
     /// Ends jobs of a server without results; see [`retry`](Self::retry). Only the oldest job is blamed, since the
@@ -220,21 +214,11 @@ impl Scheduler {
     /// Drops the reports of servers that do not return, if others can be asked instead.
     fn discredit_absent(&mut self, now: Instant) {
         let awaited = self.ledger.attribution().awaited();
-        self.outlook.await_only(&awaited);
-        for server in awaited {
-            let slot = self.fleet.slot(server);
-            let gone = slot.is_none_or(|slot| slot.silent && slot.jobs.is_empty());
-            // Supervised servers return, and the success of any of them confirms the failures reported by the others.
-            if !gone || self.processes.are_watched(server) {
-                self.outlook.present(server);
-                continue;
-            }
-            let since = self.outlook.absent(server, now);
-            let mut slots = self.fleet.slots();
-            let others = slots.any(|(id, slot)| id != server && !slot.silent);
-            if others && now.saturating_duration_since(since) >= ABSENCE_TIMEOUT {
-                self.ledger.attribution_mut().discredit(server);
-            }
+        for server in self
+            .outlook
+            .absent(awaited, &self.fleet, &self.processes, now)
+        {
+            self.ledger.attribution_mut().discredit(server);
         }
     }
 
@@ -290,15 +274,6 @@ impl Scheduler {
         self.give_up(piece, quarantined, now);
     }
 
-    /// Records whether any server is of use.
-    pub(super) fn judge(&mut self, now: Instant) {
-        if self.fleet.has_hope() || self.finished() {
-            self.outlook.some_work();
-        } else if !self.fleet.is_empty() {
-            self.outlook.all_broken(now);
-        }
-    }
-
     /// Returns why the work cannot be done although its candidates may be sound. `patience`: how long to wait for
     /// servers that fail evaluations that succeeded before.
     #[must_use]
@@ -306,26 +281,7 @@ impl Scheduler {
         if let Some(reason) = self.outlook.undecided() {
             return Some(reason.to_owned());
         }
-        let since = self.outlook.broken_since()?;
-        let health = self.fleet.health();
-        // A silent server may be about to return its first success until it times out.
-        let at_work = |(id, slot): (u64, &Slot)| !slot.jobs.is_empty() && !health.is_broken(id);
-        // A lack of servers has its own time limit.
-        let slots = || self.fleet.slots();
-        if self.fleet.is_empty() || self.fleet.has_hope() || slots().any(at_work) {
-            return None;
-        }
-        let may_be_sound = |(id, _): (u64, &Slot)| !health.is_broken(id);
-        let (patience, reason) = if slots().any(may_be_sound) {
-            let reason = "no server has completed an evaluation for a long time";
-            (patience * SILENCE_FACTOR, reason)
-        } else {
-            (
-                patience,
-                "all servers fail evaluations that succeeded before",
-            )
-        };
-        (now.saturating_duration_since(since) >= patience)
-            .then(|| format!("{reason}: {}", self.describe()))
+        let reason = self.outlook.useless(&self.fleet, patience, now)?;
+        Some(format!("{reason}: {}", self.describe()))
     }
 }

@@ -269,7 +269,7 @@ impl Scheduler {
 
     /// Handles a failure of a server: its oldest job is blamed, all its jobs are retried elsewhere, and it backs off.
     fn fail_server(&mut self, server: u64, reason: &str, blame: Blame, now: Instant) {
-        let again = self.again(server);
+        let again = self.fleet.again(server);
         self.outbox
             .warn(format!("{reason}; the work is tried again{again}"));
         self.let_go(server);

@@ -38,7 +38,7 @@ impl Scheduler {
             Answer::Welcome => self.fleet.introduce(id, now + self.config.probation, now),
             Answer::Known => {
                 self.unproven.proven(id);
-                self.vacant(id, round, now);
+                self.in_flight.server_answered(id, round, now);
             }
             Answer::Unfit(None) => {}
             Answer::Unfit(Some(reason)) => self
@@ -68,7 +68,9 @@ impl Scheduler {
         let id = presence.server;
         let lost = presence.state == State::Lost && self.fleet.slot(id).is_some();
         if presence.state == State::Busy {
-            self.busy(id, presence.tool.as_deref(), now);
+            let tool = presence.tool.as_deref();
+            self.in_flight
+                .server_is_busy(id, tool, &self.config.tool, now);
         }
         let (ended, discover) = self.fleet.present(presence, &self.config.tool);
         if lost && ended.as_ref().is_some_and(|ended| ended.jobs.is_empty()) {

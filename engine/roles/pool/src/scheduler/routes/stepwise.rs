@@ -17,11 +17,6 @@ use crate::scheduler::queue::piece::Piece;
 use crate::scheduler::queue::results::ServerResult;
 use crate::scheduler::{Action, Scheduler};
 
-/// Longest delay of a message behind one that was published after it on another topic.
-const OVERTAKEN: Duration = Duration::from_millis(250);
-/// How long a server may be busy for an unnamed tool before another tool is assumed. It names the tool once it has
-/// received this tool's control message.
-const UNNAMED: Duration = Duration::from_secs(2);
 /// Largest number of characters of a foreign title in messages.
 const MOST_TITLE: usize = 200;
 /// Number of times in a row that another tool may get a server first before the server itself is blamed.
@@ -272,27 +267,6 @@ impl Scheduler {
         self.retry(run.piece, run.server, &reason, Blame::Evaluation, now);
     }
 
-    /// Handles a server that answers a discovery sent after an episode's control message, and so is not running that
-    /// episode. Either another tool's control message came first and its episode is already over, or the broker
-    /// delivered the two messages in reverse order and signs that the episode has begun arrive in a moment.
-    pub(crate) fn vacant(&mut self, id: u64, round: u64, now: Instant) {
-        for run in self.in_flight.episodes_of(id) {
-            run.server_answered(round, now + OVERTAKEN);
-        }
-    }
-
-    /// Handles a server that is busy for this tool or does not name the tool.
-    pub(crate) fn busy(&mut self, id: u64, tool: Option<&str>, now: Instant) {
-        let until = match tool {
-            None => Some(now + UNNAMED),
-            Some(tool) if tool == self.config.tool => None,
-            Some(_) => return,
-        };
-        for run in self.in_flight.episodes_of(id) {
-            run.server_is_busy(until);
-        }
-    }
-
     /// Hands back the episodes that have not begun on servers busy for an unnamed tool, which must be another one.
     fn taken_episodes(&mut self, now: Instant) {
         for (hash, server) in self.in_flight.taken_episodes(now) {
@@ -336,28 +310,19 @@ impl Scheduler {
                 continue;
             }
             let (server, heard) = (run.server, run.heard());
-            let timeouts = &self.config.timeouts;
-            let hint = if now.saturating_duration_since(run.started) < timeouts.episode {
-                timeouts.step_hint()
-            } else {
-                timeouts.episode_hint()
-            };
-            let waiting = format!("{}; {hint}", run.waiting_for(now));
-            let refusal = run.refusal().map(str::to_owned);
-            let reason = refusal
-                .as_ref()
-                .map_or(waiting, |reason| format!("server {server}: {reason}"));
-            let again = self.again(server);
+            let was_refused = run.refusal().is_some();
+            let reason = run.overdue(&self.config.timeouts, now);
+            let again = self.fleet.again(server);
             self.outbox
                 .warn(format!("{reason}; the episode is tried again{again}"));
             self.end_run(server, &hash);
-            let blame = if refusal.is_none() {
+            let blame = if was_refused {
+                Blame::Answer
+            } else {
                 self.counts.time_outs += 1;
                 self.fleet.fell_silent(server);
                 let others = self.fleet.anyone_spoke(heard, now);
                 Blame::Silent { others }
-            } else {
-                Blame::Answer
             };
             self.failed_in_vain(server, &reason, now);
             self.fail_episode(&hash, Cause::server(&reason, blame), now);

@@ -27,9 +27,7 @@ impl Scheduler {
 
     /// Records that a supervised server is still computing, which extends its lease.
     pub fn is_alive(&mut self, server: u64, now: Instant) {
-        for request in self.in_flight.requests_of(server) {
-            request.is_alive(now);
-        }
+        self.in_flight.is_alive(server, now);
     }
 
     /// Handles the end of a supervised process. The evaluations that it was computing are retried and blamed, if known;
@@ -55,7 +53,7 @@ impl Scheduler {
                 Job::Request(number) => match ending.at.filter(|at| at.request == number) {
                     Some(at) => self.fail_at(number, at, ending, now),
                     None => {
-                        if self.is_block(number) {
+                        if self.in_flight.is_block(number) {
                             cause.blame = Blame::None;
                         }
                         self.fail_request(number, cause, now);
@@ -65,11 +63,6 @@ impl Scheduler {
             }
         }
         self.dispatch(now);
-    }
-
-    fn is_block(&self, request: u64) -> bool {
-        let request = self.in_flight.request(request);
-        request.is_some_and(|request| request.batch.is_none())
     }
 
     /// Handles the end of a process while it was computing a part of a block.

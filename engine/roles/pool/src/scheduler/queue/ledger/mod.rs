@@ -8,7 +8,7 @@ use std::ops::Range;
 
 use crate::scheduler::queue::blame::Attribution;
 use crate::scheduler::queue::piece::{Piece, Purpose};
-use crate::scheduler::queue::results::{Results, Settled};
+use crate::scheduler::queue::results::{Results, ServerResult, Settled};
 use crate::work::{Repetition, Work, WorkError};
 
 /// Smallest number of evaluations that is worth forgetting.
@@ -207,6 +207,19 @@ impl Ledger {
         let episodes = self.episodes();
         let (candidate, episode) = (evaluation / episodes, evaluation % episodes);
         format!("candidate {candidate} in episode {episode}")
+    }
+
+    /// Describes the results of several servers for an evaluation.
+    pub fn describe(&self, evaluation: usize, results: &[ServerResult]) -> String {
+        let each: Vec<String> = results
+            .iter()
+            .map(|result| format!("{} on server {}", result.fitness, result.server))
+            .collect();
+        format!(
+            "{} has the fitness {}",
+            self.name_of(evaluation),
+            each.join(", ")
+        )
     }
 
     /// Returns the number of evaluations that wait for a server.
