@@ -1,12 +1,11 @@
 //! The network of EvoStick.
 
 mod lanes;
-mod read;
 
 use super::Kind;
 use crate::functions::sigmoid;
 use crate::reader::Reader;
-use crate::{OutputRange, SpecificationError};
+use crate::{MAX_WEIGHTS, OutputRange, SpecificationError};
 use serde::Serialize;
 
 /// What a sum is multiplied by before the logistic function.
@@ -29,7 +28,10 @@ impl Kind for Evostick {
     const SIZE: (&'static str, &'static str) = ("sensors", "use fewer sensors");
 
     fn read(reader: &mut Reader<'_>) -> Result<Self, SpecificationError> {
-        read::read(reader)
+        Ok(Self {
+            sensors: reader.count("sensors", 1, MAX_WEIGHTS)?,
+            actuators: reader.count("actuators", 1, MAX_WEIGHTS)?,
+        })
     }
 
     fn weight_count(&self) -> Option<usize> {

@@ -1,12 +1,19 @@
 //! Fully meshed networks, as in FREVO.
 
 mod lanes;
-mod read;
 
 use super::Kind;
 use crate::reader::Reader;
-use crate::{Activation, OutputRange, SpecificationError};
+use crate::{Activation, MAX_WEIGHTS, OutputRange, SpecificationError};
 use serde::Serialize;
+
+const ACTIVATIONS: [Activation; 4] = [
+    Activation::Clamp,
+    Activation::Sigmoid,
+    Activation::Tanh,
+    Activation::Relu,
+];
+const MAX_ITERATIONS: usize = 1000;
 
 /// A recurrent network in which every node is connected to every node (FREVO's FullyMeshedNet).
 ///
@@ -40,7 +47,15 @@ impl Kind for FullyMeshed {
     const SIZE: (&'static str, &'static str) = ("hidden", "use a smaller network");
 
     fn read(reader: &mut Reader<'_>) -> Result<Self, SpecificationError> {
-        read::read(reader)
+        Ok(Self {
+            sensors: reader.count("sensors", 1, MAX_WEIGHTS)?,
+            actuators: reader.count("actuators", 1, MAX_WEIGHTS)?,
+            hidden: reader.count("hidden", 0, MAX_WEIGHTS)?,
+            activation: reader.activation(&ACTIVATIONS)?,
+            iterations: u32::try_from(reader.count("iterations", 1, MAX_ITERATIONS)?)
+                .unwrap_or(u32::MAX),
+            output_range: reader.output_range()?,
+        })
     }
 
     fn weight_count(&self) -> Option<usize> {

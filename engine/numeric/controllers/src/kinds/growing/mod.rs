@@ -1,13 +1,12 @@
 //! Networks that grow, as NEAT evolves them: the weights are the genes of nodes and connections.
 
 mod lanes;
-mod read;
 
 use super::Kind;
 use super::evostick::STEEPNESS;
 use crate::functions::sigmoid;
-use crate::reader::Reader;
-use crate::{Activation, OutputRange, SpecificationError};
+use crate::reader::{Reader, wrong};
+use crate::{Activation, MAX_WEIGHTS, OutputRange, SpecificationError};
 use serde::{Serialize, Serializer};
 
 /// Numbers of a gene of a hidden node: the historical marking, the activation, the number of inputs.
@@ -182,7 +181,15 @@ impl Kind for Growing {
     const SIZE: (&'static str, &'static str) = ("connections", "use a smaller network");
 
     fn read(reader: &mut Reader<'_>) -> Result<Self, SpecificationError> {
-        read::read(reader)
+        Ok(Self {
+            sensors: reader.count("sensors", 1, MAX_WEIGHTS)?,
+            actuators: reader.count("actuators", 1, MAX_WEIGHTS)?,
+            nodes: reader.count("nodes", 0, MAX_WEIGHTS)?,
+            connections: reader.count("connections", 1, MAX_WEIGHTS)?,
+            recurrent: reader.read("recurrent", "true or false")?,
+            output_activation: activation(reader)?,
+            output_range: reader.output_range()?,
+        })
     }
 
     fn weight_count(&self) -> Option<usize> {
@@ -220,4 +227,17 @@ impl Kind for Growing {
             *actuator = self.output_range.actuator(*output);
         }
     }
+}
+
+fn activation(reader: &mut Reader<'_>) -> Result<NodeActivation, SpecificationError> {
+    let names = NodeActivation::ALL.map(NodeActivation::name);
+    let expected = format!("one of {}", names.join(", "));
+    let text = reader.text("output_activation", &expected)?;
+    let activation = NodeActivation::ALL.into_iter().find(|a| a.name() == text);
+    activation.ok_or_else(|| {
+        wrong(
+            "output_activation",
+            format!("{text:?} found, expected {expected}"),
+        )
+    })
 }

@@ -1,12 +1,13 @@
 //! Networks with Hebbian learning, as in FREVO.
 
 mod lanes;
-mod read;
 
 use super::Kind;
 use crate::reader::Reader;
-use crate::{Activation, OutputRange, SpecificationError};
+use crate::{Activation, MAX_WEIGHTS, OutputRange, SpecificationError};
 use serde::Serialize;
+
+const MAX_ITERATIONS: usize = 1000;
 
 /// A recurrent network in which every node is connected to every node, and whose weights learn in each step (FREVO's
 /// HebbNet).
@@ -64,7 +65,13 @@ impl Kind for Hebbian {
     const SIZE: (&'static str, &'static str) = ("hidden", "use a smaller network");
 
     fn read(reader: &mut Reader<'_>) -> Result<Self, SpecificationError> {
-        read::read(reader)
+        Ok(Self {
+            sensors: reader.count("sensors", 1, MAX_WEIGHTS)?,
+            actuators: reader.count("actuators", 1, MAX_WEIGHTS)?,
+            hidden: reader.count("hidden", 0, MAX_WEIGHTS)?,
+            iterations: u32::try_from(reader.count("iterations", 1, MAX_ITERATIONS)?)
+                .unwrap_or(u32::MAX),
+        })
     }
 
     fn weight_count(&self) -> Option<usize> {

@@ -1,11 +1,10 @@
 //! Layered feed-forward networks.
 
 mod lanes;
-mod read;
 
 use super::Kind;
 use crate::reader::Reader;
-use crate::{Activation, OutputRange, SpecificationError};
+use crate::{Activation, MAX_WEIGHTS, OutputRange, SpecificationError};
 use serde::Serialize;
 
 /// A feed-forward network: sensors, any number of hidden layers, actuators. Keeps nothing between steps.
@@ -47,7 +46,14 @@ impl Kind for Layered {
     const SIZE: (&'static str, &'static str) = ("hidden", "use a smaller network");
 
     fn read(reader: &mut Reader<'_>) -> Result<Self, SpecificationError> {
-        read::read(reader)
+        Ok(Self {
+            sensors: reader.count("sensors", 1, MAX_WEIGHTS)?,
+            actuators: reader.count("actuators", 1, MAX_WEIGHTS)?,
+            hidden: reader.counts("hidden", 1, MAX_WEIGHTS)?,
+            activation: reader.activation(&Activation::ALL)?,
+            output_activation: reader.output_activation(&Activation::ALL)?,
+            output_range: reader.output_range()?,
+        })
     }
 
     fn weight_count(&self) -> Option<usize> {

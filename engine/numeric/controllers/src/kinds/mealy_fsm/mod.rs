@@ -1,11 +1,10 @@
 //! Mealy machines: finite-state machines whose outputs depend on the state and on the sensors.
 
 mod lanes;
-mod read;
 
 use super::Kind;
-use crate::SpecificationError;
-use crate::reader::Reader;
+use crate::reader::{Reader, excerpt, wrong};
+use crate::{MAX_WEIGHTS, SpecificationError};
 use serde::Serialize;
 
 /// A Mealy machine (G. H. Mealy, "A method for synthesizing sequential circuits", 1955) over thresholded sensors.
@@ -45,7 +44,13 @@ impl Kind for MealyFsm {
     const SIZE: (&'static str, &'static str) = ("thresholds", "use fewer states or thresholds");
 
     fn read(reader: &mut Reader<'_>) -> Result<Self, SpecificationError> {
-        read::read(reader)
+        let sensors = reader.count("sensors", 1, MAX_WEIGHTS)?;
+        Ok(Self {
+            sensors,
+            actuators: reader.count("actuators", 1, MAX_WEIGHTS)?,
+            states: reader.count("states", 1, MAX_WEIGHTS)?,
+            thresholds: thresholds(reader, sensors)?,
+        })
     }
 
     fn weight_count(&self) -> Option<usize> {
@@ -98,5 +103,30 @@ impl Kind for MealyFsm {
             let a = if *output > 1.0 { 1.0 } else { *output };
             *actuator = if a < -1.0 { -1.0 } else { a };
         }
+    }
+}
+
+/// A list for each sensor, of finite binary32 numbers, ascending.
+fn thresholds(
+    reader: &mut Reader<'_>,
+    sensors: usize,
+) -> Result<Vec<Vec<f32>>, SpecificationError> {
+    let expected =
+        format!("a list of {sensors} lists of ascending numbers, such as [[-0.5, 0.5], [0]]");
+    let raw = reader.raw("thresholds", &expected)?;
+    let mismatch = || format!("{} found, expected {expected}", excerpt(raw));
+    let thresholds: Vec<Vec<f32>> =
+        serde_json::from_str(raw.get()).map_err(|_| wrong("thresholds", mismatch()))?;
+    if thresholds.len() != sensors {
+        return Err(wrong("thresholds", mismatch()));
+    }
+    let ascends = |of_one: &[f32]| of_one.windows(2).all(|pair| pair[0] < pair[1]);
+    let valid = |of_one: &Vec<f32>| ascends(of_one) && of_one.iter().all(|t| t.is_finite());
+    match thresholds.iter().position(|of_one| !valid(of_one)) {
+        None => Ok(thresholds),
+        Some(i) => Err(wrong(
+            &format!("thresholds[{i}]"),
+            "must hold finite binary32 numbers, each greater than the one before",
+        )),
     }
 }

@@ -4,7 +4,6 @@ mod behaviours;
 mod conditions;
 mod lanes;
 mod random;
-mod read;
 
 use super::Kind;
 use crate::SpecificationError;
@@ -196,7 +195,19 @@ impl Kind for Modules {
     const SIZE: (&'static str, &'static str) = ("states", "use fewer states");
 
     fn read(reader: &mut Reader<'_>) -> Result<Self, SpecificationError> {
-        read::read(reader)
+        let form = [Form::Machine, Form::Tree][reader.choice("form", &["machine", "tree"])?];
+        // Each subtree draws a random number of its own.
+        let (states, transitions) = match form {
+            Form::Machine => (MOST_STATES, MOST_TRANSITIONS),
+            Form::Tree => (MOST_TRANSITIONS, 1),
+        };
+        Ok(Self {
+            form,
+            sensors: reader.count("sensors", SENSORS, SENSORS)?,
+            actuators: reader.count("actuators", ACTUATORS, ACTUATORS)?,
+            states: reader.count("states", 1, states)?,
+            transitions: reader.count("transitions", 1, transitions)?,
+        })
     }
 
     fn weight_count(&self) -> Option<usize> {

@@ -1,13 +1,14 @@
 //! Networks with given connections, as FREVO's NEAT computes them.
 
 mod lanes;
-mod read;
 
 use super::Kind;
 use crate::functions::exp;
-use crate::reader::Reader;
-use crate::{OutputRange, SpecificationError};
+use crate::reader::{Reader, wrong};
+use crate::{MAX_WEIGHTS, OutputRange, SpecificationError};
 use serde::Serialize;
+
+const MAX_ITERATIONS: usize = 1000;
 
 /// A recurrent network whose nodes hear those that a list names (FREVO's NEAT, after K. O. Stanley and R. Miikkulainen, "Evolving
 /// neural networks through augmenting topologies", Evolutionary Computation 10, 2002).
@@ -68,7 +69,25 @@ impl Kind for Neat {
     const SIZE: (&'static str, &'static str) = ("sources", "use a smaller network");
 
     fn read(reader: &mut Reader<'_>) -> Result<Self, SpecificationError> {
-        read::read(reader)
+        let sensors = reader.count("sensors", 1, MAX_WEIGHTS)?;
+        let actuators = reader.count("actuators", 1, MAX_WEIGHTS)?;
+        let sources = reader.lists("sources", |rows| (sensors + rows).saturating_sub(1))?;
+        if sources.len() < actuators {
+            return Err(wrong(
+                "sources",
+                format!(
+                    "{} lists found, expected one for each hidden node and each of the {actuators} actuators",
+                    sources.len()
+                ),
+            ));
+        }
+        Ok(Self {
+            sensors,
+            actuators,
+            sources,
+            iterations: u32::try_from(reader.count("iterations", 1, MAX_ITERATIONS)?)
+                .unwrap_or(u32::MAX),
+        })
     }
 
     fn weight_count(&self) -> Option<usize> {

@@ -1,7 +1,5 @@
 //! Machines, and trees, of modules of which some are written in Python: it computes them, not this crate.
 
-mod read;
-
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
@@ -9,7 +7,10 @@ use serde::{Deserialize, Serialize};
 use super::modules::Modules;
 use super::{BEHAVIOUR_NAMES, CONDITION_NAMES, Kind};
 use crate::SpecificationError;
-use crate::reader::Reader;
+use crate::reader::{Reader, wrong};
+
+/// Behaviours, or conditions, at most.
+const MOST_MODULES: usize = 256;
 
 /// What modules are: the first of these or the second.
 const ROLES: [&str; 2] = ["behaviour", "condition"];
@@ -96,7 +97,11 @@ impl Kind for PythonModules {
     const SIZE: (&'static str, &'static str) = Modules::SIZE;
 
     fn read(reader: &mut Reader<'_>) -> Result<Self, SpecificationError> {
-        read::read(reader)
+        Ok(Self {
+            machine: Modules::read(reader)?,
+            behaviours: modules(reader, "behaviours")?,
+            conditions: modules(reader, "conditions")?,
+        })
     }
 
     fn weight_count(&self) -> Option<usize> {
@@ -128,4 +133,16 @@ impl Kind for PythonModules {
 
     /// Not called: Python computes it.
     fn step(&self, _: &[f32], _: &mut [f32], _: &mut [f32], _: &[f32], _: &mut [f32]) {}
+}
+
+fn modules(reader: &mut Reader<'_>, field: &str) -> Result<Vec<Module>, SpecificationError> {
+    let expected = "a list of modules such as {\"name\": \"spiral\", \"parameters\": {\"turn\": [1, 30, true]}}";
+    let modules: Vec<Module> = reader.read(field, expected)?;
+    if (1..=MOST_MODULES).contains(&modules.len()) {
+        return Ok(modules);
+    }
+    Err(wrong(
+        field,
+        format!("{} found, expected 1 to {MOST_MODULES}", modules.len()),
+    ))
 }
