@@ -196,11 +196,6 @@ impl Connection {
         self.link.as_ref().map_or(0, |link| link.session.read().0)
     }
 
-    /// Replaces the last will, effective with the next connection.
-    pub fn set_will(&mut self, will: crate::Will) {
-        self.settings.will = Some(will);
-    }
-
     /// Queues a message, which `poll` sends. It is dropped while the connection is broken, since peers start over after
     /// a broken connection (see the pool and the wrapper).
     pub fn publish(
