@@ -63,7 +63,7 @@ def command(
 
     Supported components of sessions: Emergency Exit; NNGA, CEA2D, GASpecies, CuckooSearch, PSO,
     RandomSearch, NoveltySearch and NoveltySpecies; FullyMeshedNet, CompleteNetwork, ThreeLayerNetwork,
-    MultiLayerNetwork, MealyFSM, HebbNet and NEAT (with fixed connections); AbsoluteRanking, NoveltyRanking
+    MultiLayerNetwork, MealyFSM, HebbNet and NEAT; AbsoluteRanking, NoveltyRanking
     (with NNGA), and with --simulation FullTournament, SwissSystem, MultiSwiss and MultiSort. Name a
     replacement for any other component.
 

@@ -172,6 +172,19 @@ class Representation(ABC):
             raise InputError("genome: has a number that is not finite; expected finite numbers")
         return {**self.architecture(), "weights": shortest(self.weights(row[np.newaxis])[0])}
 
+    def adopt(
+        self,
+        architecture: Mapping[str, Any],  # noqa: ARG002 - for subclasses
+        weights: NDArray[np.float32],  # noqa: ARG002
+    ) -> Genome | None:
+        """Return the genome of a controller with another architecture; None (the default) if there is none.
+
+        Args:
+            architecture: as `architecture` returns it, of a valid controller.
+            weights: its weights.
+        """
+        return None
+
     @property
     def operators(self) -> _engine.NodeNetwork | _engine.GrowingNetwork | None:
         """The operators, if the engine implements them; None (the default) if only Python does."""

@@ -446,6 +446,10 @@ def genomes_of(entries: Sequence[Mapping[str, Any]], representation: Representat
         architecture = entry["architecture"]
         differing = list(_iter_differences(architecture, required))
         if differing:
+            adopted = representation.adopt(architecture, _numbers(name, "weights", entry["weights"]))
+            if adopted is not None:
+                rows.append(adopted)
+                continue
             options = type(representation.options).model_fields
             raise InputError(
                 f"{name} is {describe_controller(architecture)}, but controllers of this experiment are "

@@ -66,6 +66,12 @@ def neat(sources: list[list[int]], reach: float, iterations: int = 3, seed: int 
     return {**made, "weights": [float(text) for text in weights.astype(str)]}
 
 
+def without(specification: Specification, *weights: int) -> Specification:
+    """The network with weights of 0, whose connections exports leave out."""
+    kept = [weight * (index not in weights) for index, weight in enumerate(specification["weights"])]
+    return {**specification, "weights": kept}
+
+
 def growing(mutations: int, seed: int = 0, **options: Any) -> Specification:
     """A network that has grown by mutations."""
     values = {"max_nodes": 6, "add_node": 0.4, "add_connection": 0.5, "toggle": 0.1, **options}
@@ -131,6 +137,7 @@ ALL = {
     "hebbian-slow": hebbian(2, 3, 1e-7, seed=2),
     "neat": neat([[0, 4, 7], [1, 3, 5], [5, 5, 2, 6, 3], [3, 4, 5, 0], [6, 5, 2, 7]], 3.0),
     "neat-bare": neat([[0, 1, 2], [3, 4, 2]], 2.0, iterations=1, seed=1),
+    "neat-sparse": without(neat([[0, 1], [2, 3], [3, 4, 0], [1, 2]], 2.0, seed=4), 1, 8),
     "neat-deaf": neat([[], []], 2.0, seed=2),
     "neat-steep": neat([[0, 4], [2, 3, 1], [3, 5, 0], [0, 1, 2]], 60.0, seed=3),
     "growing": growing(30),

@@ -706,5 +706,7 @@ def _format_field_lines(field: FieldFile, folder: Path) -> list[str]:
     return [f"  field: {json.dumps(_relative_path(field.path, folder), ensure_ascii=False)}  # Filename"]
 
 
-def _format_scalar(value: Any) -> str:  # noqa: ANN401 - int, float or word
+def _format_scalar(value: Any) -> str:  # noqa: ANN401 - bool, int, float or word
+    if isinstance(value, bool):
+        return str(value).lower()
     return repr(value) if isinstance(value, float) else str(value)

@@ -244,17 +244,21 @@ LEARNING_RATE = (
     "representation: the learning rate of a HebbNet is mutated and crossed over; in FREVO, which rounds the "
     "range of its change to 0, it keeps its initial value"
 )
-_TOPOLOGY = (
-    "neither connections nor nodes are added. Weights, biases and slopes evolve; in FREVO they are crossed "
-    "over, and their mutations have no effect"
-)
-_NEAT = (
-    "disjoint_coeff", "excess_coeff", "weight_coeff", "recursive", "feature_selection", "max_perturbation",
-    "max_bias_perturbation", "add_node_prob", "add_link_prob", "mutate_node_weight_replaced_prob",
-    "mutate_link_toggle_prob", "mutate_node_sf_prob", "mutate_feature_prob", "mutate_node_bias_prob",
-    "mutate_link_weight_prob",
-)  # fmt: skip
-"""Entries of FREVO's NEAT."""
+_TOPOLOGY = "weights, biases and slopes evolve too, whose mutations have no effect in FREVO"
+_NEAT = {
+    **dict.fromkeys(("disjoint_coeff", "excess_coeff", "weight_coeff"), "distances are sums of differences"),
+    **dict.fromkeys(
+        ("max_perturbation", "max_bias_perturbation", "mutate_node_weight_replaced_prob",
+         "mutate_node_sf_prob", "mutate_node_bias_prob", "mutate_link_weight_prob"),
+        "replaced by the severity and probability of the method",
+    ),
+    **dict.fromkeys(
+        ("feature_selection", "mutate_link_toggle_prob", "mutate_feature_prob"), "features do not evolve"
+    ),
+}  # fmt: skip
+"""Entries of FREVO's NEAT without counterpart, and why."""
+_SPARE_NODES = 10
+"""Hidden nodes that an imported network may grow."""
 SIGMOID = "computed to 1e-7 here, so single steps may differ"
 
 
@@ -361,20 +365,37 @@ def _map_hebbian(section: Section, mapped: Mapped) -> None:
 
 
 def _map_neat(session: Session, mapped: Mapped) -> None:
-    section = session.representation
+    section, add = session.representation, mapped.controller.append
     mapped.controller_kind = "neat"
     sources = find_best_sources(session.root)
+    grows = mapped.mutation is not None
+    if grows:
+        add(Line("frevo", True, "connections and nodes grow"))
     if sources is not None:
-        mapped.controller.append(Line("sources", sources, "connections of the best network in the file"))
-    mapped.controller.append(Line("iterations", ITERATIONS, "the only value of NEAT"))
+        add(Line("sources", sources, "connections of the best network in the file"))
+    if grows:
+        add(Line("max_nodes", _count_hidden(session.root) + _SPARE_NODES, "of the largest network, and more"))
+        add(Line("add_node", section.take_number("add_node_prob", 0.03), "add_node_prob"))
+        add(Line("add_connection", section.take_number("add_link_prob", 0.05), "add_link_prob"))
+    add(Line("iterations", ITERATIONS, "the only value of NEAT"))
     if mapped.mutation is not None:
         _map_mutation(section, mapped.mutation, mapped)
-    for key in _NEAT:
+    if not section.take_flag("recursive", True):
+        mapped.notes.append("representation.recursive = false: connections may form cycles here")
+    for key, reason in _NEAT.items():
         if key in section.entries:
-            reason = "connections, nodes and species do not evolve"
             mapped.not_controller.append(f"{key} = {to_single_line(section.take_raw(key))}: {reason}")
     origin = "those of the file's best network" if sources else "from every sensor to every actuator"
-    mapped.notes.append(f"representation: NEAT's connections are {origin}, and are constant: {_TOPOLOGY}")
+    growth = "grow from there" if grows else f"are constant: {mapped.method_kind} adds none"
+    mapped.notes.append(f"representation: NEAT's connections are {origin}, and {growth}; {_TOPOLOGY}")
+
+
+def _count_hidden(root: Element) -> int:
+    """Return the number of hidden nodes of the largest network in a result file; 0 for a session."""
+    networks = [element for element in iterate_members(root) if element.tag == TAG]
+    return max(
+        (len(_classify_nodes(element, _split_genes(element)[0])[1]) for element in networks), default=0
+    )
 
 
 def _map_machine(section: Section, sensors: int | None, mapped: Mapped) -> None:

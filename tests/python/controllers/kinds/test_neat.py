@@ -11,7 +11,7 @@ from swarmwright.common.arrays import Genome
 from swarmwright.common.random_numbers import Stream, Streams
 from swarmwright.controllers import REPRESENTATIONS, Representation
 from swarmwright.controllers.kinds.growing.genes import read
-from swarmwright.controllers.kinds.neat import FixedNeat, GrowingNeat, NeatOptions
+from swarmwright.controllers.kinds.neat import FixedNeat, FrevoNeat, GrowingNeat, NeatOptions
 from swarmwright.testing import check_representation
 
 DIRECT = [[0, 1, 2], [0, 1, 2]]
@@ -28,6 +28,8 @@ def network(**options: Any) -> FixedNeat | GrowingNeat:
 def test_it_is_a_representation() -> None:
     check_representation("neat")
     check_representation("neat", {"recurrent": True, "max_nodes": 0, "weight_range": 4.0, "toggle": 1.0})
+    check_representation("neat", {"frevo": True, "max_nodes": 0})
+    check_representation("neat", {"frevo": True, "max_nodes": 4, "add_node": 0.2, "add_connection": 0.2})
 
 
 def test_initial_ranges_of_fixed_networks() -> None:
@@ -155,3 +157,63 @@ def test_a_step_of_a_recurrent_network_takes_the_outputs_before() -> None:
     assert rows == [[0.5, 0.0], [-0.25, 0.5], [0.0, -0.25]]
     controller.reset()
     assert controller(np.array([1.0], np.float32)).tolist() == [1.0, 0.0]
+
+
+def frevo(**options: Any) -> FrevoNeat:
+    subject = network(frevo=True, **options)
+    assert isinstance(subject, FrevoNeat)
+    return subject
+
+
+def test_frevos_networks_split_connections() -> None:
+    subject = frevo(max_nodes=3, add_node=1.0)
+    parent = subject.initial(Stream(1, "x"))
+    assert (parent != 0).sum() == 2 * (1 + 3 + 1), "two actuators with bias, weights and slope"
+    splits = {}
+    for index in range(50):
+        child = subject.mutate(parent, Stream(2, "x", 0, index), severity=0.3, probability=1.0)
+        (lost,) = np.flatnonzero((parent != 0) & (child == 0))
+        added = np.flatnonzero((parent == 0) & (child != 0))
+        assert sorted(child[added]) == sorted([1.0, parent[lost]])
+        splits.setdefault(int(lost), set()).add(tuple(added.tolist()))
+    assert len(splits) == 6
+    assert all(len(nodes) == 1 for nodes in splits.values()), "the same node splits the same connection"
+    grown = parent
+    for index in range(3):
+        grown = subject.mutate(grown, Stream(3, "x", 0, index), severity=0.3, probability=1.0)
+    assert (grown != 0).sum() == (parent != 0).sum() + 3
+    full = subject.mutate(grown, Stream(4, "x"), severity=0.3, probability=1.0)
+    assert ((full != 0) == (grown != 0)).sum() >= len(full) - 3, "no node is left; numbers change instead"
+    assert (full != grown).any()
+
+
+def test_frevos_networks_connect_nodes_until_all_are_connected() -> None:
+    subject = frevo(max_nodes=1, add_connection=1.0)
+    genome = subject.initial(Stream(1, "x"))
+    for index in range(4):
+        child = subject.mutate(genome, Stream(2, "x", 0, index), severity=0.3, probability=1.0)
+        assert ((child != 0) & (genome == 0)).sum() == 1
+        assert ((child == genome) | (genome == 0)).all()
+        genome = child
+    assert not genome[: 1 + 3 + 1 + 2].any(), "the hidden node does not exist"
+    moved = subject.mutate(genome, Stream(2, "x", 0, 9), severity=0.3, probability=1.0)
+    assert ((moved != 0) == (genome != 0)).all()
+    assert (moved != genome).sum() == (genome != 0).sum()
+
+
+def test_frevos_networks_are_crossed_where_both_have_genes() -> None:
+    subject = frevo(max_nodes=2, add_node=1.0, add_connection=0.0)
+    mother = subject.initial(Stream(1, "x"))
+    father = subject.mutate(subject.initial(Stream(2, "x")), Stream(3, "x"), severity=0.3, probability=1.0)
+    both = (mother != 0) & (father != 0)
+    for index in range(20):
+        child = subject.crossover(mother, father, Stream(4, "x", 0, index))
+        assert (child[~both] == mother[~both]).all()
+    assert (child[both] != mother[both]).any()
+
+
+def test_room_for_frevos_networks() -> None:
+    with pytest.raises(InputError, match=r"controller.max_nodes: is 0, but sources has 1 hidden nodes"):
+        frevo(max_nodes=0, sources=[[0], [3], [3]])
+    with pytest.raises(ValidationError, match="recurrent is not an option of FREVO's networks"):
+        frevo(recurrent=True)

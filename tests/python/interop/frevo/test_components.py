@@ -130,12 +130,12 @@ def test_networks_that_learn(session: Session) -> None:
 
 
 def test_a_session_with_neat_says_what_is_not_taken_over(session: Session) -> None:
-    given = {"recursive": "true", "add_node_prob": "0.01f", "weight_range": "2f"}
+    given = {"recursive": "false", "add_node_prob": "0.01f", "excess_coeff": "2f", "weight_range": "2f"}
     imported = frevo.load(session(representation=NEAT, given={"representation": given}))
-    assert imported.experiment.controller == NeatOptions()
-    assert any("from every sensor to every actuator, and are constant" in note for note in imported.notes)
-    for entry in ("recursive = true", "add_node_prob = 0.01f"):
-        assert f"{entry}: connections, nodes and species do not evolve" in imported.yaml
+    assert imported.experiment.controller == NeatOptions(frevo=True, max_nodes=10, add_node=0.01)
+    assert any("from every sensor to every actuator, and grow" in note for note in imported.notes)
+    assert "excess_coeff = 2f: distances are sums of differences" in imported.yaml
+    assert any("recursive = false: connections may form cycles here" in note for note in imported.notes)
     assert any("weight_range = 2f: unknown to FREVO 1.5" in note for note in imported.notes)
 
 

@@ -11,6 +11,8 @@ import pytest
 
 from swarmwright import Controller, InputError, frevo, optimize
 from swarmwright.common.xml import read
+from swarmwright.controllers.kinds.neat import FrevoNeat, NeatOptions
+from swarmwright.controllers.kinds.neat.code import prune
 from swarmwright.interop.frevo._document import open_session
 from swarmwright.interop.frevo._representations import read_neat
 from swarmwright.interop.frevo._score import read_networks
@@ -68,17 +70,57 @@ def test_fitness_is_what_frevo_gives_the_file(data: Path, edited: Edited) -> Non
     assert [one.fitness for one in frevo.score(changed)] != [one.fitness for one in scores]
 
 
-def test_the_best_networks_connections_become_an_experiment(data: Path, tmp_path: Path) -> None:
+def test_a_result_evolves_on_and_grows(data: Path, tmp_path: Path) -> None:
     imported = frevo.load(data / "neat.zre")
-    best = read_networks(open_session(data / "neat.zre"))[0].specification
-    assert imported.experiment.representation().architecture() | {"weights": best["weights"]} == best
-    assert any("those of the file's best network, and are constant" in note for note in imported.notes)
-    assert "add_node_prob = 0.3f: connections, nodes and species do not evolve" in imported.yaml
-    Controller(frevo.score(data / "neat.zre").candidates[0].specification).save(tmp_path / "best.json")
-    start = {"start_from": str(tmp_path / "best.json")}
-    experiment = imported.experiment.replace(method={"generations": 2}, servers="local", **start)
+    options = imported.experiment.controller
+    assert (options.add_node, options.add_connection) == (0.3, 0.5)
+    assert any("those of the file's best network, and grow from there" in note for note in imported.notes)
+    assert "  frevo: true  " in imported.yaml
+    assert "max_perturbation = 0.5f: replaced by the severity" in imported.yaml
+    best = frevo.score(data / "neat.zre").candidates[0].specification
+    Controller(best).save(tmp_path / "best.json")
+    experiment = imported.experiment.replace(
+        method={"generations": 3}, servers="local", start_from=str(tmp_path / "best.json")
+    )
     run = optimize(experiment, out=tmp_path / "run")
-    assert run.best.fitness >= READ_AGAIN[0], "it is among the first candidates"
+    assert run.fitness[0] == READ_AGAIN[0], "it is the first candidate"
+    genomes = run.record.genomes
+    subject = experiment.representation()
+    weights = np.array(best["weights"], np.float32)
+    start = subject.adopt({key: value for key, value in best.items() if key != "weights"}, weights)
+    assert ((genomes != 0).sum(axis=1) > (start != 0).sum()).any(), "connections have been added"
+    assert run.best.fitness >= READ_AGAIN[0]
+
+
+def test_growing_networks_compute_what_their_results_compute(data: Path) -> None:
+    """With room for more nodes and connections, to the bit."""
+    readings = np.random.default_rng(1).uniform(-1, 1, (30, 10)).astype(np.float32)
+    for network in read_networks(open_session(data / "neat.zre")):
+        result = network.specification
+        options = {"frevo": True, "max_nodes": 20, "sources": result["sources"]}
+        subject = FrevoNeat(NeatOptions.model_validate(options), sensors=10, actuators=2)
+        genome = subject.adopt(result, np.array(result["weights"], np.float32))
+        assert genome is not None
+        grown = Controller(subject.specification(genome))
+        assert len(grown.specification["sources"]) == 22
+        exported = prune(grown.specification)
+        assert exported["sources"] == result["sources"]
+        assert exported["weights"] == np.array(result["weights"], np.float32).tolist()
+        before = Controller(result)
+        assert [before(row).tolist() for row in readings] == [grown(row).tolist() for row in readings]
+
+
+def test_other_controllers_do_not_become_growing_networks(data: Path) -> None:
+    result = read_networks(open_session(data / "neat.zre"))[0].specification
+    weights = np.array(result["weights"], np.float32)
+    options = {"frevo": True, "sources": result["sources"]}
+    subject = FrevoNeat(NeatOptions.model_validate(options), sensors=10, actuators=2)
+    assert subject.adopt(result, weights) is not None
+    assert subject.adopt({**result, "iterations": 2}, weights) is None
+    backwards = [row[::-1] for row in result["sources"]]
+    assert subject.adopt({**result, "sources": backwards}, weights) is None, (
+        "sums would be rounded differently"
+    )
 
 
 def test_genes_that_do_not_count_are_left_out(data: Path, tmp_path: Path) -> None:

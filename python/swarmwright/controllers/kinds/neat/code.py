@@ -37,8 +37,34 @@ def iterate_nodes(
         at = end
 
 
+def prune(specification: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a network without connections of weight 0, and without hidden nodes that no other node hears.
+
+    Its outputs are the same, to the bit.
+    """
+    sensors = int(specification["sensors"])
+    rows = []
+    for inputs, row, _ in iterate_nodes(specification, np.array(specification["weights"], np.float32)):
+        incoming = row[1 : 1 + len(inputs)]
+        pairs = [(source, weight) for source, weight in zip(inputs, incoming, strict=True) if weight != 0]
+        rows.append((row[0], pairs, row[1 + len(inputs) :]))
+    heard = {
+        source for node, (_, pairs, _) in enumerate(rows, sensors) for source, _ in pairs if source != node
+    }
+    last = sensors + len(rows) - int(specification["actuators"])
+    nodes = [node for node in range(sensors + len(rows)) if node < sensors or node in heard or node >= last]
+    numbers = {node: number for number, node in enumerate(nodes)}
+    sources, weights = [], []
+    for node in nodes[sensors:]:
+        bias, pairs, slope = rows[node - sensors]
+        sources.append([numbers[source] for source, _ in pairs])
+        weights += [bias, *(weight for _, weight in pairs), *slope]
+    return {**specification, "sources": sources, "weights": weights}
+
+
 def c(controller: Evolved, language: dict[str, str]) -> in_c.Code:
     """Return the code in C or C++."""
+    controller = Evolved(prune(controller.specification))
     specification = controller.specification
     sensors, sources = int(specification["sensors"]), specification["sources"]
     hidden = len(sources) - int(specification["actuators"])
@@ -87,6 +113,7 @@ def c(controller: Evolved, language: dict[str, str]) -> in_c.Code:
 
 def python(controller: Evolved, numbers: in_python.Numbers) -> in_python.PythonCode:
     """Return the code in Python."""
+    controller = Evolved(prune(controller.specification))
     specification = controller.specification
     sensors, sources = int(specification["sensors"]), specification["sources"]
     hidden = len(sources) - int(specification["actuators"])

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from swarmwright.controllers.drawing import Drawing
-from swarmwright.controllers.kinds.neat.code import iterate_nodes
+from swarmwright.controllers.kinds.neat.code import iterate_nodes, prune
 from swarmwright.controllers.networks.figure import (
     Layer,
     Network,
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 def draw(drawing: Drawing) -> "Figure":
     """Return the figure of a `neat` network."""
-    specification = drawing.specification
+    specification = prune(drawing.specification)
     hidden = len(specification["sources"]) - int(specification["actuators"])
     sizes = column_sizes({**specification, "hidden": hidden})
     layers = list(_node_layers(specification, sizes))
