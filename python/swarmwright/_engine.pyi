@@ -126,6 +126,12 @@ def missions() -> list[Mission]:
 def robots() -> list[str]:
     """The names of the built-in models of robots of the arena."""
 
+def rays(parameters: dict[str, Any]) -> list[list[float]]:
+    """The directions of proximity rays, for each model of robots in the arena, radians counter-clockwise from ahead.
+
+    Raises InputError for parameters that the arena refuses.
+    """
+
 def parameter_mistakes(title: str, parameters: dict[str, Any]) -> list[tuple[str, str]]:
     """Return all that is wrong with parameters of a built-in simulation, each as (place, reason).
 
@@ -384,7 +390,8 @@ class NodeNetwork:
 class GrowingNetwork:
     """Genetic operators of networks that grow, see `swarmwright.controllers.kinds.neat.GrowingNeat`.
 
-    nodes, connections: most of a network. Raises InputError for numbers and names that do not fit, and genomes of a wrong length.
+    nodes, connections: most of a network. pattern: whether activations are those of functions of space. Raises InputError for
+    numbers and names that do not fit, and genomes of a wrong length.
     """
 
     def __new__(
@@ -400,6 +407,7 @@ class GrowingNetwork:
         add_node: float,
         add_connection: float,
         toggle: float,
+        pattern: bool = False,
     ) -> GrowingNetwork: ...
     @property
     def genes(self) -> int:
@@ -412,6 +420,11 @@ class GrowingNetwork:
         self, mother: NDArray[np.float32], father: NDArray[np.float32], stream: Stream
     ) -> NDArray[np.float32]: ...
     def distance(self, genome: NDArray[np.float32], other: NDArray[np.float32]) -> float: ...
+    def patterns(self, genomes: NDArray[np.float32], points: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The outputs at points in space, (genomes, points, actuators), -1 to 1, of feed-forward networks.
+
+        points: (points, sensors).
+        """
 
 @final
 class Ranks:

@@ -14,6 +14,7 @@ from swarmwright.common.registry import Registry
 from swarmwright.common.simulation_names import is_command
 from swarmwright.common.yaml import Path_, parse_path
 from swarmwright.controllers import Representation
+from swarmwright.controllers.kinds.hyperneat import HyperneatOptions
 from swarmwright.controllers.kinds.parameter_set import ParameterSetOptions
 from swarmwright.controllers.kinds.team import Team, TeamOptions, check_counts, largest_number, with_groups
 from swarmwright.controllers.networks import NetworkOptions
@@ -33,6 +34,7 @@ from swarmwright.simulations import catalogue
 from swarmwright.simulations.catalogue import steers_itself, titles
 from swarmwright.simulations.fitness import FitnessExpression
 from swarmwright.simulations.parameters import ParameterMistake
+from swarmwright.simulations.positions import positions
 
 
 def check_parameters(simulation: str | None, parameters: dict[str, Any], report: Report) -> None:
@@ -346,6 +348,9 @@ def _fill_in(checked: Checked, is_available: bool, report: Report) -> None:
                 f"{announced['title']} has {announced[name]}, not {checked[name]}; leave the key out",
             )
     options = checked.get("controller")
+    if isinstance(options, HyperneatOptions) and announced["sensors"]:
+        sensors, actuators = positions(checked["simulation"], checked["parameters"])
+        options = checked["controller"] = options.with_positions(sensors, actuators)
     if options is not None and not announced["sensors"] and REGISTRIES["controller"].get(options.kind).steers:
         report(
             ("controller", "kind"),

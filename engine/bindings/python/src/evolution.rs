@@ -3,14 +3,14 @@
 use std::borrow::Cow;
 
 use numpy::{
-    IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
+    IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
     PyUntypedArrayMethods,
 };
 use pyo3::prelude::*;
 use swarmwright_controllers::{MAX_WEIGHTS, NodeActivation};
 use swarmwright_evolution::{
-    self as evolution, Compatibility, Farthest, GrowingNetwork, Mutation, NodeNetwork, Stream,
-    WeightMutation,
+    self as evolution, Compatibility, Farthest, GrowingNetwork, Mutation, NodeNetwork,
+    PatternFunction, Stream, WeightMutation,
 };
 
 use crate::errors::input;
@@ -205,7 +205,7 @@ pub struct PyGrowingNetwork(pub GrowingNetwork);
 )]
 impl PyGrowingNetwork {
     #[new]
-    #[pyo3(signature = (*, sensors, actuators, nodes, connections, recurrent, activations, weight_range, add_node, add_connection, toggle))]
+    #[pyo3(signature = (*, sensors, actuators, nodes, connections, recurrent, activations, weight_range, add_node, add_connection, toggle, pattern = false))]
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn new(
         sensors: usize,
@@ -218,8 +218,13 @@ impl PyGrowingNetwork {
         add_node: f64,
         add_connection: f64,
         toggle: f64,
+        pattern: bool,
     ) -> PyResult<Self> {
-        let names = NodeActivation::ALL.map(NodeActivation::name);
+        let names = if pattern {
+            PatternFunction::ALL.map(PatternFunction::name)
+        } else {
+            NodeActivation::ALL.map(NodeActivation::name)
+        };
         let number = |name: &String| {
             let position = names.iter().position(|other| other == name);
             position
@@ -308,6 +313,32 @@ impl PyGrowingNetwork {
         let genome = self.genome("genome", &genome)?;
         let other = self.genome("other", &other)?;
         Ok(self.0.distance(&genome, &other, Compatibility::PAPER))
+    }
+
+    fn patterns<'py>(
+        &self,
+        py: Python<'py>,
+        genomes: PyReadonlyArray2<'py, f32>,
+        points: PyReadonlyArray2<'py, f32>,
+    ) -> PyResult<Bound<'py, PyArray3<f32>>> {
+        let (network, genes) = (&self.0, self.0.genes());
+        if network.recurrent || genomes.shape()[1] != genes || points.shape()[1] != network.sensors
+        {
+            return Err(input(format!(
+                "expected a feed-forward network, genomes of {genes} genes, and points of {} coordinates",
+                network.sensors
+            )));
+        }
+        let shape = [genomes.shape()[0], points.shape()[0], network.actuators];
+        let (genomes, points) = (row_major(&genomes), row_major(&points));
+        let mut outputs = vec![0.0; shape.iter().product()];
+        py.detach(|| {
+            let rows = outputs.chunks_exact_mut((shape[1] * shape[2]).max(1));
+            for (row, genome) in rows.zip(genomes.chunks_exact(genes)) {
+                network.pattern(genome, &points, row);
+            }
+        });
+        PyArray1::from_vec(py, outputs).reshape(shape)
     }
 }
 

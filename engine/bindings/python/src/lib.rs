@@ -98,6 +98,7 @@ fn _engine(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(worlds::describe, module)?)?;
     module.add_function(wrap_pyfunction!(worlds::missions, module)?)?;
     module.add_function(wrap_pyfunction!(worlds::robots, module)?)?;
+    module.add_function(wrap_pyfunction!(physics::rays, module)?)?;
     module.add_function(wrap_pyfunction!(worlds::parameter_mistakes, module)?)?;
     module.add_function(wrap_pyfunction!(worlds::steers_itself, module)?)?;
     module.add_function(wrap_pyfunction!(genomes::decimals, module)?)?;

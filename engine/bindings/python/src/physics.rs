@@ -4,15 +4,26 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 use serde_json::{Value, json};
-use swarmwright_arena::{Motion, Physics, Pose, RobotModel, Start, World, WorldLight, WorldObject};
+use swarmwright_arena::{
+    Motion, Physics, Pose, RobotModel, Settings, Start, World, WorldLight, WorldObject,
+};
 use swarmwright_kernels::{PhysicsKind, PhysicsSimulation};
 use swarmwright_worlds::{ParameterError, Simulation};
 use swarmwright_wrapper::Progress;
 
 use crate::errors::input;
 use crate::simulation::{Trouble, call, determinism, or_fail, refused};
-use crate::values::to_python;
+use crate::values::{self, to_python};
+
+/// The directions of proximity rays, by model of robot, radians counter-clockwise from ahead.
+#[pyfunction]
+pub fn rays(parameters: &Bound<'_, PyDict>) -> PyResult<Vec<Vec<f32>>> {
+    let settings = Settings::read(&values::object("parameters", parameters)?).map_err(input)?;
+    let models = World::new(&settings).models;
+    Ok(models.into_iter().map(|model| model.rays).collect())
+}
 
 /// Whether a host is one of these.
 pub fn moves_robots(host: &Bound<'_, PyAny>) -> PyResult<bool> {

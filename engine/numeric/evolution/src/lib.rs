@@ -42,7 +42,7 @@ pub use distance::{Farthest, distance, distances};
 pub use distinct::distinct;
 pub use eigen::{Eigen, eigen};
 pub use exact::{Aggregate, Figures, Outcome, exact_sum};
-pub use growing::{Compatibility, GrowingNetwork, WeightMutation};
+pub use growing::{Compatibility, GrowingNetwork, PatternFunction, WeightMutation};
 /// Exponential function and natural logarithm in plain arithmetic, because those of C libraries differ.
 pub use libm::{exp, log};
 pub use matrix::{exponential, product};

@@ -4,7 +4,8 @@ use std::collections::BTreeSet;
 
 use proptest::prelude::*;
 use swarmwright_evolution::{
-    Compatibility, GrowingNetwork, Neat, NeatSettings, Search, Stream, WeightMutation, purpose_key,
+    Compatibility, GrowingNetwork, Neat, NeatSettings, PatternFunction, Search, Stream,
+    WeightMutation, purpose_key,
 };
 
 const WEIGHTS: WeightMutation = WeightMutation {
@@ -308,4 +309,79 @@ fn a_generation_that_failed_has_children() {
     let genomes = search.ask().unwrap_or_default();
     search.tell(&genomes, &[f64::NAN; 40]).unwrap_or_default();
     assert_eq!(search.ask().unwrap_or_default().len(), genomes.len());
+}
+
+#[test]
+fn patterns_are_functions_of_space() {
+    let operators = GrowingNetwork {
+        sensors: 2,
+        actuators: 1,
+        nodes: 2,
+        connections: 6,
+        ..operators(false)
+    };
+    // The first hidden node takes x twice as it is, the second one the first and the bias; the actuator both, and y, which is disabled.
+    let nodes = [2.0, 3.0, 7.0, 0.0, 1.0, 9.0, 1.0, 2.0];
+    let connections = [
+        [0.0, 2.0, 1.0],
+        [4.0, -1.0, 1.0],
+        [2.0, 0.25, 1.0],
+        [4.0, 0.5, 1.0],
+        [5.0, -0.75, 1.0],
+        [1.0, 8.0, 0.0],
+    ];
+    let genome: Vec<f32> = nodes.into_iter().chain(connections.concat()).collect();
+    let points = [0.0_f32, 0.0, 0.5, -1.0, -1.0, 3.0];
+    let mut outputs = [0.0; 3];
+    operators.pattern(&genome, &points, &mut outputs);
+    for (point, output) in points.chunks_exact(2).zip(outputs) {
+        let first = f64::from(-4.0 * point[0] * point[0]).exp();
+        let second = (std::f64::consts::PI * (0.25 - first)).sin();
+        let expected = (0.5 * first - 0.75 * second).tanh();
+        assert!((f64::from(output) - expected).abs() < 1e-6, "{point:?}");
+    }
+    let mut elsewhere = [0.0];
+    operators.pattern(&genome, &[0.5, 4.0], &mut elsewhere);
+    assert_eq!(elsewhere[0], outputs[1], "y has no effect");
+}
+
+#[test]
+fn functions_of_patterns_are_accurate_and_finite() {
+    for a in [
+        -1e30_f32, -70.3, -2.0, -1.0, -0.3, 0.0, 0.5, 1.0, 1.5, 33.75, 1e30,
+    ] {
+        let wide = f64::from(a);
+        let sine = if wide.abs() < 1e9 {
+            (std::f64::consts::PI * wide).sin()
+        } else {
+            0.0
+        };
+        let exact = [
+            (-wide * wide).exp(),
+            sine,
+            wide.abs(),
+            wide.tanh(),
+            1.0 / (1.0 + (-wide).exp()),
+            wide,
+        ];
+        for (function, expected) in PatternFunction::ALL.into_iter().zip(exact) {
+            let found = f64::from(function.apply(a));
+            assert!(
+                (found - expected).abs() <= 1e-5 * expected.abs().max(1.0),
+                "{function:?}({a}): {found}"
+            );
+        }
+    }
+}
+
+proptest! {
+    #[test]
+    fn patterns_of_grown_networks_are_in_range(seed in 0_u64..200, mutations in 0_u64..30) {
+        let operators = operators(false);
+        let genome = grown(&operators, seed, mutations);
+        let points: Vec<f32> = (0..30).map(|number| (number % 7) as f32 / 3.0 - 1.0).collect();
+        let mut outputs = [2.0; 20];
+        operators.pattern(&genome, &points, &mut outputs);
+        prop_assert!(outputs.iter().all(|output| output.abs() <= 1.0));
+    }
 }

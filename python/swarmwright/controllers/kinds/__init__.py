@@ -89,6 +89,7 @@ KINDS: dict[str, Kind] = {
         python="kinds.hebbian.code:python",
         overflows=True,
     ),
+    "hyperneat": Kind(representation="kinds.hyperneat:Hyperneat"),
     "layered": Kind(
         representation="kinds.layered:Layered",
         figure="kinds.layered.figure:draw",

@@ -169,7 +169,7 @@ def test_frevos_networks_split_connections() -> None:
     subject = frevo(max_nodes=3, add_node=1.0)
     parent = subject.initial(Stream(1, "x"))
     assert (parent != 0).sum() == 2 * (1 + 3 + 1), "two actuators with bias, weights and slope"
-    splits = {}
+    splits: dict[int, set[tuple[int, ...]]] = {}
     for index in range(50):
         child = subject.mutate(parent, Stream(2, "x", 0, index), severity=0.3, probability=1.0)
         (lost,) = np.flatnonzero((parent != 0) & (child == 0))

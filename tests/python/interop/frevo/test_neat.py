@@ -73,6 +73,7 @@ def test_fitness_is_what_frevo_gives_the_file(data: Path, edited: Edited) -> Non
 def test_a_result_evolves_on_and_grows(data: Path, tmp_path: Path) -> None:
     imported = frevo.load(data / "neat.zre")
     options = imported.experiment.controller
+    assert isinstance(options, NeatOptions)
     assert (options.add_node, options.add_connection) == (0.3, 0.5)
     assert any("those of the file's best network, and grow from there" in note for note in imported.notes)
     assert "  frevo: true  " in imported.yaml
@@ -87,8 +88,10 @@ def test_a_result_evolves_on_and_grows(data: Path, tmp_path: Path) -> None:
     genomes = run.record.genomes
     subject = experiment.representation()
     weights = np.array(best["weights"], np.float32)
+    assert isinstance(subject, FrevoNeat)
     start = subject.adopt({key: value for key, value in best.items() if key != "weights"}, weights)
-    assert ((genomes != 0).sum(axis=1) > (start != 0).sum()).any(), "connections have been added"
+    assert start is not None
+    assert (np.count_nonzero(genomes, axis=1) > np.count_nonzero(start)).any(), "connections have been added"
     assert run.best.fitness >= READ_AGAIN[0]
 
 

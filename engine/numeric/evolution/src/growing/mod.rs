@@ -2,11 +2,13 @@
 //! augmenting topologies", Evolutionary Computation 10, 2002).
 
 mod genome;
+mod pattern;
 
 use crate::stream::Stream;
 use genome::{Connection, Node};
 
 pub(crate) use genome::Network;
+pub use pattern::PatternFunction;
 
 /// Connections that a mutation tries to add before it gives up.
 const TRIALS: usize = 20;

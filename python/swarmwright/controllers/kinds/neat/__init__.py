@@ -8,20 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from swarmwright import _engine
-from swarmwright.common.arrays import Genome, Limits
+from swarmwright.common.arrays import Genome
 from swarmwright.common.problems import FieldError
 from swarmwright.common.random_numbers import Stream
 from swarmwright.controllers._base import Representation, RepresentationOptions
 from swarmwright.controllers.kinds.growing.genes import ACTIVATIONS
+from swarmwright.controllers.kinds.growing.genomes import MOST_WEIGHTS, GrowingGenomes
 from swarmwright.controllers.networks import OUTPUT_RANGE, NodeNetwork
 
-_MOST_WEIGHTS = 1_000_000
-"""Largest number of weights of a network."""
-_MOST_RANGES = 8.0
-"""Largest weight of a growing network, as a multiple of the initial range; as the engine has it."""
-_LAST_MARKING = (1 << 24) - 1
-"""Largest innovation number of a node."""
 NodeActivation = Literal["steep_sigmoid", "tanh", "sigmoid", "relu", "clamp", "linear"]
 
 
@@ -59,10 +53,10 @@ class NeatOptions(RepresentationOptions):
         Annotated[
             list[
                 Annotated[
-                    list[Annotated[int, Field(ge=0, le=2 * _MOST_WEIGHTS)]], Field(max_length=_MOST_WEIGHTS)
+                    list[Annotated[int, Field(ge=0, le=2 * MOST_WEIGHTS)]], Field(max_length=MOST_WEIGHTS)
                 ]
             ],
-            Field(min_length=1, max_length=_MOST_WEIGHTS),
+            Field(min_length=1, max_length=MOST_WEIGHTS),
         ]
         | None
     ) = None
@@ -126,7 +120,7 @@ class Neat(Representation):
         return super().__new__(form if cls is Neat else cls)
 
 
-class GrowingNeat(Neat):
+class GrowingNeat(GrowingGenomes, Neat):
     """Networks whose nodes and connections grow, after Stanley and Miikkulainen.
 
     A genome has genes for as many nodes and connections as there may be, see
@@ -144,72 +138,20 @@ class GrowingNeat(Neat):
     Computation 10(2), 2002.
     """
 
-    continuous = False
-
     def __init__(self, options: NeatOptions, *, sensors: int, actuators: int) -> None:
         """Raise InputError when `max_connections` is too small, or the genome too large."""
         super().__init__(options, sensors=sensors, actuators=actuators)
-        least = (sensors + 1) * actuators
-        most = options.max_connections
-        self._connections = least + 4 * options.max_nodes if most is None else most
-        if self._connections < least:
-            raise FieldError(
-                ("controller", "max_connections"),
-                f"is {self._connections}, but networks start with {least} connections from {sensors} sensors "
-                f"and the bias to {actuators} actuator(s)",
-            )
-        self._operators = _engine.GrowingNetwork(
-            sensors=sensors,
-            actuators=actuators,
-            nodes=options.max_nodes,
-            connections=self._connections,
-            recurrent=options.recurrent,
-            activations=options.activations,
+        self._grow(
+            (sensors, actuators),
+            (options.activations, len(ACTIVATIONS)),
+            max_nodes=options.max_nodes,
+            max_connections=options.max_connections,
             weight_range=options.weight_range,
             add_node=options.add_node,
             add_connection=options.add_connection,
             toggle=options.toggle,
+            recurrent=options.recurrent,
         )
-        if self.genome_size > _MOST_WEIGHTS:
-            raise FieldError(
-                ("controller", "max_connections"),
-                f"makes {self.genome_size} genes, but at most {_MOST_WEIGHTS} are supported",
-            )
-
-    @property
-    def genome_size(self) -> int:
-        """Number of genes, those included that are not in use."""
-        return self._operators.genes
-
-    @property
-    def bounds(self) -> Limits:
-        """Lowest and highest value of each gene."""
-        return self._limits(_MOST_RANGES * self.options.weight_range)
-
-    @property
-    def initial_range(self) -> Limits:
-        """The bounds, but for weights their initial range."""
-        return self._limits(self.options.weight_range)
-
-    def _limits(self, weight: float) -> Limits:
-        """Return the limits of all genes; weight: limit of a weight."""
-        nodes, most, limit = self.options.max_nodes, self._connections, np.float32(weight)
-        last = self.sensors + self.actuators + nodes
-        upper = [
-            max(nodes, 1),
-            *[most] * self.actuators,
-            *[_LAST_MARKING, len(ACTIVATIONS) - 1, most] * nodes,
-        ]
-        connections = [(0.0, -limit, 0.0), (last, limit, 1.0)]
-        low, high = (np.tile(np.array(row, dtype=np.float64), most) for row in connections)
-        return np.concatenate([np.zeros(len(upper)), low]), np.concatenate([upper, high])
-
-    @property
-    def operators(self) -> _engine.GrowingNetwork | None:
-        """The engine's operators; None if a subclass overrides them."""
-        names = ("initial", "initials", "mutate", "mutations", "crossover", "matings", "distance")
-        inherited = all(getattr(type(self), name) is getattr(GrowingNeat, name) for name in names)
-        return self._operators if inherited else None
 
     def architecture(self) -> dict[str, Any]:
         """Return the specification of all controllers, without weights."""
@@ -225,22 +167,6 @@ class GrowingNeat(Neat):
             "output_activation": output,
             "output_range": list(OUTPUT_RANGE[output]),
         }
-
-    def initial(self, stream: Stream) -> Genome:
-        """Return a network in which all sensors and the bias are connected with all actuators."""
-        return self._operators.initial(stream)
-
-    def mutate(self, genome: Genome, stream: Stream, *, severity: float, probability: float) -> Genome:
-        """Return a copy with a new node or connection, or changed weights, see the class."""
-        return self._operators.mutate(genome, stream, severity=severity, probability=probability)
-
-    def crossover(self, mother: Genome, father: Genome, stream: Stream) -> Genome:
-        """Return a copy of `mother` with weights of `father`."""
-        return self._operators.crossover(mother, father, stream)
-
-    def distance(self, genome: Genome, other: Genome) -> float:
-        """Return the compatibility distance."""
-        return self._operators.distance(genome, other)
 
 
 class FixedNeat(NodeNetwork, Neat):
@@ -275,10 +201,10 @@ class FixedNeat(NodeNetwork, Neat):
                     ("controller", "sources", row),
                     f"node {missing[0]} does not exist; with {sensors} sensors the last node is {nodes - 1}",
                 )
-        if self.genome_size > _MOST_WEIGHTS:
+        if self.genome_size > MOST_WEIGHTS:
             raise FieldError(
                 ("controller", "sources"),
-                f"{self.genome_size} weights, but at most {_MOST_WEIGHTS} are supported",
+                f"{self.genome_size} weights, but at most {MOST_WEIGHTS} are supported",
             )
 
     @property
@@ -318,7 +244,7 @@ class FrevoNeat(FixedNeat):
 
     As in FREVO, a mutation splits a connection by a new node, or else adds a connection, or else changes
     numbers, here those of all nodes and connections that exist. The node that splits a connection is the
-    same in all genomes, unless it is taken. A crossover takes numbers that both parents have from
+    same in all genomes, unless it is occupied. A crossover takes numbers that both parents have from
     either, and all else from the mother. The distance is that of fixed networks.
     """
 
@@ -416,12 +342,12 @@ class FrevoNeat(FixedNeat):
         """Split a connection by a hidden node that does not exist yet; False if there is none."""
         most, genes = self.options.max_nodes, self._connections
         existing = genes[genome[genes[:, 0]] != 0]
-        taken = self._nodes(genome)[self.sensors : self.sensors + most]
-        if not len(existing) or taken.all():
+        occupied = self._nodes(genome)[self.sensors : self.sensors + most]
+        if not len(existing) or occupied.all():
             return False
         gene, source, target = existing[stream.integer(len(existing))].tolist()
         preferred = source * (self.sensors + len(self.sources)) + target
-        new = next(node for offset in range(most) if not taken[node := (preferred + offset) % most])
+        new = next(node for offset in range(most) if not occupied[node := (preferred + offset) % most])
         genome[self._starts[new]] = 0
         genome[self._gene(self.sensors + new, target)] = genome[gene]
         genome[self._gene(source, self.sensors + new)] = 1
