@@ -4,7 +4,7 @@ Prints the table of docs/explanation/method-benchmarks.md. After Stanley, D'Ambr
 smaller: a square of 3 x 3 pixels and one of a single pixel are somewhere in a field, and do not overlap;
 there is a sensor and an actuator for each pixel, and the actuator in the middle of the large square should
 be the most active one. The fitness is minus the mean squared distance over all scenes. All methods have the
-same number of evaluations.
+same number of evaluations, and their default populations.
 """
 
 import statistics
@@ -19,11 +19,15 @@ from numpy.typing import NDArray
 from swarmwright import Controller, Experiment
 from swarmwright.controllers import Representation
 
-POPULATION, GENERATIONS = 150, 100
+EVALUATIONS = 15_000
 LIT = 0.1
 """Reading of a lit pixel: small, so that activation functions do not saturate."""
 CASES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "`hyperneat` by `neat`": ({"kind": "hyperneat", "hidden": []}, {"kind": "neat", "threshold": 4.0}),
+    "`hyperneat` with `length` by `neat`": (
+        {"kind": "hyperneat", "hidden": [], "length": True},
+        {"kind": "neat", "threshold": 4.0},
+    ),
     "`neat` by `neat`": ({"kind": "neat", "max_nodes": 20, "output_activation": "tanh"}, {"kind": "neat"}),
     "`layered` by `cma_es`": ({"kind": "layered", "hidden": []}, {"kind": "cma_es"}),
     "`layered` by `sep_cma_es`": ({"kind": "layered", "hidden": []}, {"kind": "sep_cma_es"}),
@@ -80,13 +84,14 @@ def solve(case: str, width: int, seed: int) -> tuple[float, float, float | None]
     size = width**2
     experiment = Experiment.from_mapping(
         {"simulation": "pixels", "sensors": size, "actuators": size, "seed": seed, "controller": controller,
-         "method": {**method, "population": POPULATION, "generations": GENERATIONS}}
+         "method": {**method, "generations": EVALUATIONS}}
     )  # fmt: skip
     representation = experiment.representation()
     search = experiment.new_method(representation)
-    best, best_fitness = None, -np.inf
-    for _ in range(GENERATIONS):
+    best, best_fitness, count = None, -np.inf, 0
+    while count < EVALUATIONS:
         genomes = np.asarray(search.ask())
+        count += len(genomes)
         fitness = np.array([-np.mean(distances(representation, row, width) ** 2) for row in genomes])
         search.tell(fitness)
         if fitness.max() > best_fitness:
@@ -97,8 +102,8 @@ def solve(case: str, width: int, seed: int) -> tuple[float, float, float | None]
     if controller["kind"] == "hyperneat":
         positions = {f"{noun}_positions": grid(LARGE_WIDTH) for noun in ("sensor", "actuator")}
         options = experiment.controller.model_copy(update=positions)
-        count = LARGE_WIDTH**2
-        decoded = type(representation)(options, sensors=count, actuators=count)
+        pixels = LARGE_WIDTH**2
+        decoded = type(representation)(options, sensors=pixels, actuators=pixels)
         larger = float(distances(decoded, best, LARGE_WIDTH).mean())
     return float(reached.mean()), float((reached == 0).mean()), larger
 
@@ -108,7 +113,7 @@ def main(runs: int, width: int) -> None:
     global _SCENES  # noqa: PLW0603 - made once for all evaluations
     _SCENES = (width, make_scenes(width))
     print(
-        f"{width} x {width} pixels, {len(_SCENES[1][0])} scenes, {runs} runs, {POPULATION * GENERATIONS} each"
+        f"{width} x {width} pixels, {len(_SCENES[1][0])} scenes, {runs} runs, {EVALUATIONS} evaluations each"
     )
     for case in CASES:
         begun = time.process_time()

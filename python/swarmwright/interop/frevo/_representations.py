@@ -36,11 +36,11 @@ ITERATIONS = 3
 _HIDDEN, _OUTPUT, _INPUT = 0, 1, 2
 
 
-def read_neat(element: Element) -> dict[str, Any]:
-    """Return the specification of a network.
+def read_neat(element: Element, *, disabled: bool = False) -> dict[str, Any]:
+    """Return the specification of a network. disabled: with its disabled connections.
 
     FREVO subtracts biases, and multiplies sums by the factor of a falling sigmoid: both change their sign.
-    Weights are rounded from binary64 to binary32. Disabled connections are omitted. Of nodes with the same
+    Weights are rounded from binary64 to binary32. Of nodes with the same
     id, the first has all connections; FREVO ignores the others.
 
     Raises InputError for genes that are not a valid network.
@@ -52,7 +52,7 @@ def read_neat(element: Element) -> dict[str, Any]:
     sources: dict[int, list[int]] = {number: [] for number in computed}
     weights: dict[int, list[float]] = {number: [] for number in computed}
     for link in links:
-        if link.attribute("enabled") != "true":
+        if link.attribute("enabled") != "true" and not disabled:
             continue
         start, end = (_find_position(link, name, positions) for name in ("fromID", "toID"))
         if end in sources:  # connections to sensors have no effect
@@ -107,13 +107,16 @@ def _classify_nodes(element: Element, nodes: dict[int, Element]) -> tuple[int, l
     return sensors, by_type[_HIDDEN], outputs
 
 
-def find_best_sources(root: Element) -> list[list[int]] | None:
-    """Return the sources of the nodes of the best network in a result file; None for a session."""
+def find_best_sources(root: Element, *, disabled: bool) -> list[list[int]] | None:
+    """Return the sources of the nodes of the best network in a result file; None for a session.
+
+    disabled: with its disabled connections, which other networks of the file may have.
+    """
     candidates = [element for element in iterate_members(root) if element.tag == TAG]
     if not candidates:
         return None
     best = max(candidates, key=lambda element: read_number(element, "fitness"))
-    sources: list[list[int]] = read_neat(best)["sources"]
+    sources: list[list[int]] = read_neat(best, disabled=disabled)["sources"]
     return sources
 
 
@@ -367,12 +370,12 @@ def _map_hebbian(section: Section, mapped: Mapped) -> None:
 def _map_neat(session: Session, mapped: Mapped) -> None:
     section, add = session.representation, mapped.controller.append
     mapped.controller_kind = "neat"
-    sources = find_best_sources(session.root)
     grows = mapped.mutation is not None
+    sources = find_best_sources(session.root, disabled=grows)
     if grows:
         add(Line("frevo", True, "connections and nodes grow"))
     if sources is not None:
-        add(Line("sources", sources, "connections of the best network in the file"))
+        add(Line("sources", sources, "connections of the best network in the file, disabled ones, too"))
     if grows:
         add(Line("max_nodes", _count_hidden(session.root) + _SPARE_NODES, "of the largest network, and more"))
         add(Line("add_node", section.take_number("add_node_prob", 0.03), "add_node_prob"))

@@ -41,7 +41,7 @@ def layers(subject: Hyperneat, genome: Genome) -> list[NDArray[np.float32]]:
 
 def test_it_is_a_representation() -> None:
     check_representation("hyperneat")
-    check_representation("hyperneat", {"hidden": [], "bias": False, "differences": False})
+    check_representation("hyperneat", {"hidden": [], "bias": False, "differences": False, "length": True})
     check_representation("hyperneat", {"hidden": [[3, 3], [2, 1]], "leo": True, "activation": "sigmoid"})
 
 
@@ -88,6 +88,13 @@ def test_differences_of_positions_are_inputs() -> None:
     more = direct(with_differences, [[0.1 - 1, 0.2, 0.3 + 1, 0.4, 1.0, 0.0, 0.5]] * 2)
     found, expected = with_differences.weights(more[None]), without.weights(fewer[None])
     assert found[0].reshape(2, 3)[:, 1:] == pytest.approx(expected[0].reshape(2, 3)[:, 1:], abs=1e-6)
+
+
+def test_the_distance_is_an_input() -> None:
+    options = {"hidden": [], "max_nodes": 0, "threshold": 0.0, "largest_weight": 1.0, "differences": False}
+    subject = network(2, 1, length=True, sensor_positions=[[3, 4], [0.0, 0.5]], **options)
+    (found,) = layers(subject, direct(subject, [[0, 0, 0, 0, 0.1, 0.0], [0.0] * 6]))
+    assert found[0, 1:].tolist() == pytest.approx([math.tanh(0.5), math.tanh(0.05)], abs=1e-6)
 
 
 def test_controllers_are_layered_networks() -> None:

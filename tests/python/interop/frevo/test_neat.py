@@ -91,6 +91,9 @@ def test_a_result_evolves_on_and_grows(data: Path, tmp_path: Path) -> None:
     assert isinstance(subject, FrevoNeat)
     start = subject.adopt({key: value for key, value in best.items() if key != "weights"}, weights)
     assert start is not None
+    for other in frevo.score(data / "neat.zre"):
+        adopted = subject.adopt(other.specification, np.array(other.specification["weights"], np.float32))
+        assert adopted is not None, "all networks of the file can be among the first candidates"
     assert (np.count_nonzero(genomes, axis=1) > np.count_nonzero(start)).any(), "connections have been added"
     assert run.best.fitness >= READ_AGAIN[0]
 

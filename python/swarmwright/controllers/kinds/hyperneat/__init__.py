@@ -51,6 +51,9 @@ class HyperneatOptions(RepresentationOptions):
     0."""
     differences: bool = True
     """Whether inputs of the growing network are, beside the positions of both nodes, their differences."""
+    length: bool = False
+    """Whether the distance of both nodes is an input, too: weights can then depend on it without hidden
+    nodes."""
     activations: list[PatternFunction] = Field(
         default=["gaussian", "sine", "absolute", "tanh", "linear"], min_length=1, max_length=_FUNCTIONS
     )
@@ -122,7 +125,7 @@ class Hyperneat(GrowingGenomes):
         self._sizes = sizes
         pairs = len(sizes) - 1
         self._grow(
-            (6 if options.differences else 4, pairs * (1 + options.bias + options.leo)),
+            (4 + 2 * options.differences + options.length, pairs * (1 + options.bias + options.leo)),
             (options.activations, _FUNCTIONS),
             max_nodes=options.max_nodes,
             max_connections=options.max_connections,
@@ -174,9 +177,13 @@ class Hyperneat(GrowingGenomes):
                 ),
             ]
         points = np.concatenate(parts)
+        differences = points[:, :2] - points[:, 2:]
+        columns = [points]
         if self.options.differences:
-            points = np.concatenate([points, points[:, :2] - points[:, 2:]], axis=1)
-        return np.ascontiguousarray(points)
+            columns.append(differences)
+        if self.options.length:
+            columns.append(np.sqrt((differences * differences).sum(axis=1, keepdims=True)))
+        return np.concatenate(columns, axis=1)
 
     def weights(self, genomes: Genomes) -> NDArray[np.float32]:
         """Return the weights of the layered networks that genomes encode, (candidates, weights)."""
