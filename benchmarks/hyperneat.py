@@ -24,6 +24,10 @@ LIT = 0.1
 """Reading of a lit pixel: small, so that activation functions do not saturate."""
 CASES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "`hyperneat` by `neat`": ({"kind": "hyperneat", "hidden": []}, {"kind": "neat", "threshold": 4.0}),
+    "`hyperneat`, faster growth, by `neat`": (
+        {"kind": "hyperneat", "hidden": [], "add_node": 0.1, "add_connection": 0.2},
+        {"kind": "neat", "severity": 0.7, "species": 12},
+    ),
     "`hyperneat` with `length` by `neat`": (
         {"kind": "hyperneat", "hidden": [], "length": True},
         {"kind": "neat", "threshold": 4.0},
@@ -121,11 +125,12 @@ def main(runs: int, width: int) -> None:
         means = [result[0] for result in results]
         exact = statistics.fmean(result[1] for result in results)
         error = statistics.stdev(means) / runs**0.5 if runs > 1 else 0.0
+        solved = sum(result[0] == 0 for result in results)
         larger = [result[2] for result in results if result[2] is not None]
-        wide = f"; {LARGE_WIDTH} x {LARGE_WIDTH}: {statistics.fmean(larger):.2f}" if larger else ""
+        wide = f"{statistics.fmean(larger):.2f}" if larger else "-"
         print(
-            f"| {case} | {statistics.fmean(means):.3f} ± {error:.3f} | {100 * exact:.0f} % | "
-            f"{(time.process_time() - begun) / runs:.1f} s{wide}",
+            f"| {case} | {statistics.fmean(means):.3f} ± {error:.3f} | {100 * exact:.0f} % | {solved} | "
+            f"{wide} | {(time.process_time() - begun) / runs:.0f} s |",
             flush=True,
         )
 

@@ -1,6 +1,7 @@
 """HyperNEAT: a growing network of positions is decoded into the weights of a layered network."""
 
 import math
+from hashlib import sha256
 from itertools import pairwise
 from typing import Any
 
@@ -95,6 +96,21 @@ def test_the_distance_is_an_input() -> None:
     subject = network(2, 1, length=True, sensor_positions=[[3, 4], [0.0, 0.5]], **options)
     (found,) = layers(subject, direct(subject, [[0, 0, 0, 0, 0.1, 0.0], [0.0] * 6]))
     assert found[0, 1:].tolist() == pytest.approx([math.tanh(0.5), math.tanh(0.05)], abs=1e-6)
+
+
+def test_weights_are_the_same_on_every_machine() -> None:
+    functions = ["gaussian", "sine", "absolute", "tanh", "sigmoid", "linear"]
+    subject = network(8, 2, max_nodes=12, activations=functions, add_node=0.5, length=True, leo=True)
+    genome = subject.initial(Stream(1, "x"))
+    for index in range(40):
+        genome = subject.mutate(genome, Stream(2, "x", 0, index), severity=0.5, probability=0.5)
+    assert genome[0] == 12
+    weights = subject.weights(genome[np.newaxis])
+    assert len({*weights[0].tolist()}) > 40
+    assert (
+        sha256(weights.tobytes()).hexdigest()
+        == "7d5cb2d65174806f3d381ef33e8fe6a7865db9a2969733ebce6653cd4b6a7447"
+    )
 
 
 def test_controllers_are_layered_networks() -> None:
