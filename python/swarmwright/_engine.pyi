@@ -78,6 +78,7 @@ __all__ = [
     "missions",
     "outcome",
     "parameter_mistakes",
+    "rays",
     "robots",
     "serve",
     "servers",
