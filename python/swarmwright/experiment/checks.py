@@ -329,6 +329,14 @@ def _check_evolved(checked: Checked, is_available: bool, report: Report) -> None
             report(path, message)
 
 
+def _fill_in_positions(checked: Checked) -> None:
+    """Fill in positions of sensors and actuators."""
+    options = checked.get("controller")
+    if isinstance(options, HyperneatOptions):
+        sensors, actuators = positions(checked["simulation"], checked["parameters"])
+        checked["controller"] = options.with_positions(sensors, actuators)
+
+
 def _fill_in(checked: Checked, is_available: bool, report: Report) -> None:
     """Fill in values that the simulation announces; check that the file does not contradict them."""
     if not is_available:
@@ -347,10 +355,8 @@ def _fill_in(checked: Checked, is_available: bool, report: Report) -> None:
                 (name,),
                 f"{announced['title']} has {announced[name]}, not {checked[name]}; leave the key out",
             )
+    _fill_in_positions(checked)
     options = checked.get("controller")
-    if isinstance(options, HyperneatOptions) and announced["sensors"]:
-        sensors, actuators = positions(checked["simulation"], checked["parameters"])
-        options = checked["controller"] = options.with_positions(sensors, actuators)
     if options is not None and not announced["sensors"] and REGISTRIES["controller"].get(options.kind).steers:
         report(
             ("controller", "kind"),

@@ -26,51 +26,43 @@ Sheet = Annotated[list[Count], Field(min_length=2, max_length=2)]
 
 
 class HyperneatOptions(RepresentationOptions):
-    """HyperNEAT: a layered network whose weights a growing network computes from the positions of nodes."""
+    """HyperNEAT: a layered network whose weights are computed from positions."""
 
     kind: Literal["hyperneat"] = "hyperneat"
     hidden: list[Sheet] = Field(default=[[4, 2]], max_length=20)
-    """Columns and rows of each hidden sheet, whose nodes are evenly spaced in -1 to 1. An empty list connects
-    the sensors to the actuators directly."""
+    """Columns and rows of each hidden sheet, in -1 to 1."""
     activation: Literal["tanh", "sigmoid", "relu", "clamp", "linear"] = "tanh"
-    """Function of every node of the layered network, see `layered`."""
+    """As for `layered`."""
     sensor_positions: Positions | None = None
-    """Position [x, y] of each sensor. Default: on the robot, x ahead and y to the left, if the simulation's
-    names of sensors tell directions, otherwise evenly on a line from x = -1 to 1."""
+    """[x, y] of each sensor. Default: by names, or on a line."""
     actuator_positions: Positions | None = None
-    """Position [x, y] of each actuator. Default: as for sensors."""
+    """[x, y] of each actuator."""
     threshold: float = Field(default=0.2, ge=0, lt=1)
-    """Connections for which the growing network's output is at most this do not exist; outputs from here
-    to 1 are weights from 0 to `largest_weight`."""
+    """Outputs up to this are no connection."""
     largest_weight: float = Field(default=3.0, gt=0, le=1e6)
     """Largest weight and bias."""
     bias: bool = True
-    """Whether the growing network also computes biases, by further outputs, from the nodes' positions."""
+    """Whether biases are computed, too."""
     leo: bool = False
-    """Whether further outputs (link expression outputs) decide which connections exist: where they are above
-    0."""
+    """Whether link expression outputs, above 0, decide which connections exist."""
     differences: bool = True
-    """Whether inputs of the growing network are, beside the positions of both nodes, their differences."""
+    """Whether differences of positions are inputs."""
     length: bool = False
-    """Whether the distance of both nodes is an input, too: weights can then depend on it without hidden
-    nodes."""
+    """Whether the distance is an input."""
     activations: list[PatternFunction] = Field(
         default=["gaussian", "sine", "absolute", "tanh", "linear"], min_length=1, max_length=_FUNCTIONS
     )
-    """Activation functions of the growing network's hidden nodes; each new node draws one. `gaussian` is
-    exp(-a²), `sine` sin(pi a)."""
+    """Functions that new hidden nodes draw; `gaussian` is exp(-a²), `sine` sin(pi a)."""
     max_nodes: int = Field(default=20, ge=0, le=10_000)
-    """Growing network: largest number of hidden nodes."""
+    """Largest number of hidden nodes."""
     max_connections: int | None = Field(default=None, ge=1, le=100_000)
-    """Growing network: largest number of connections, disabled ones included. Default: those from all inputs
-    and the bias to all outputs, and four for each of `max_nodes`."""
+    """As for `neat`."""
     weight_range: float = Field(default=1.0, gt=0, le=1e6)
-    """Growing network: initial weights are uniform in +-weight_range, also the size of a mutation of severity
-    1; weights stay within eight times this range."""
+    """As for `neat`."""
     add_node: float = Field(default=0.03, ge=0, le=1)
-    """Growing network: probability that a mutation splits a connection by a new node."""
+    """As for `neat`."""
     add_connection: float = Field(default=0.1, ge=0, le=1)
-    """Growing network: probability that a mutation adds a connection."""
+    """As for `neat`."""
 
     def with_positions(
         self,

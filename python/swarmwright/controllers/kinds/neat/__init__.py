@@ -20,11 +20,7 @@ NodeActivation = Literal["steep_sigmoid", "tanh", "sigmoid", "relu", "clamp", "l
 
 
 class NeatOptions(RepresentationOptions):
-    """A network of NEAT: its connections and nodes grow, or `sources` gives them and only weights evolve.
-
-    Keys for growing networks, except `max_nodes`, `add_node` and `add_connection`, are not for `frevo: true`,
-    which has those for fixed connections.
-    """
+    """A network of NEAT: its connections and nodes grow, or `sources` gives them and only weights evolve."""
 
     kind: Literal["neat"] = "neat"
     max_nodes: int = Field(default=20, ge=0, le=10_000)
@@ -65,9 +61,7 @@ class NeatOptions(RepresentationOptions):
     Default: the network grows.
     """
     frevo: bool = False
-    """Whether networks of FREVO's NEAT grow: from `sources`, or from connections between all sensors and
-    actuators. They are computed as FREVO computes them, so that its results evolve on.
-    """
+    """Whether fixed connections grow, by `max_nodes`, `add_node` and `add_connection`, as in FREVO."""
     iterations: int = Field(default=3, ge=1, le=1000)
     """Fixed connections: how often all nodes are computed in each step, one after the other."""
     weight_range: float = Field(default=1.0, gt=0, le=1e6)
