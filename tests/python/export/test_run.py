@@ -309,7 +309,7 @@ def test_a_failed_candidate(tmp_path: Path) -> None:
     )  # fmt: skip
     run = swarmwright.optimize(experiment, out=tmp_path / "run")
     failed = int(np.flatnonzero(np.isnan(run.record["fitness"]))[0])
-    with pytest.raises(InputError, match=f"evaluation of candidate {failed} of generation 0 failed"):
+    with pytest.raises(InputError, match=f"candidate {failed} of generation 0 failed; name another"):
         swarmwright.export_controller(run, to="c", candidate=failed, output=tmp_path / "out")
     assert swarmwright.export_controller(run, to="c", output=tmp_path / "out", verify=True).verification.ok  # type: ignore[union-attr] # asked for
     shutil.rmtree(run.path / "code")
