@@ -25,6 +25,7 @@ from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Channel, Subject
 from swarmwright.export.verification import Verification
 from swarmwright.methods.archive import Axis, Cells, Grid
+from swarmwright.methods.constraints import Limits
 from swarmwright.methods.voronoi import Voronoi
 from swarmwright.runs.elites import Elite, Elites, Outside
 from swarmwright.runs.learning_curve import CurvePoint
@@ -62,6 +63,7 @@ __all__ = [
     "Interval",
     "Kruskal",
     "LeftOut",
+    "Limits",
     "Observation",
     "Outside",
     "Pair",

@@ -54,7 +54,7 @@ def explain_discrete(representation: Representation) -> str | None:
         parts = representation.parts.items()
         groups = [f"{name} ({part.kind})" for name, part in parts if not part.continuous]
         subject = f"the genes of {', '.join(groups)}"
-    grows = representation.kind == "neat"
+    grows = representation.kind in ("neat", "hyperneat")
     reason = "describe a structure that grows" if grows else "are choices, not numbers"
     return (
         f"{subject} {reason}; use {'neat, ' if grows else ''}nnga, cea2d, racing or random_search, which "

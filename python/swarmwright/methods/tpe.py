@@ -69,10 +69,10 @@ class Tpe(Method):
     @classmethod
     def unsuitable(cls, representation: Representation) -> str | None:
         """Refuse too many genes, and choices other than those of parameters."""
-        genes = representation.genome_size
-        if genes > _MOST_GENES:
+        genes, discrete = representation.genome_size, explain_discrete(representation)
+        if discrete is None and genes > _MOST_GENES:
             return f"{genes} genes are too many for few evaluations; above {_MOST_GENES}, use cma_es or nnga"
-        return explain_discrete(representation)
+        return discrete
 
     @property
     def budget(self) -> int:

@@ -223,8 +223,7 @@ _STEADY_GENERATIONS = 3
 
 def check_steady_state(component: type[Method], subject: Representation) -> None:
     """Check a method in steady state, or that it rejects steady state."""
-    # Metrics are only told for whole generations.
-    if not component.steady_state or component.options_model().needed_metrics:
+    if not component.steady_state:
         _check_refusal(component, subject)
         return
     for in_flight in (1, 5, 10_000):
@@ -256,6 +255,17 @@ def _budget(component: type[Method], subject: Representation) -> int:
     return method.budget
 
 
+def _tell_next(method: Method, fitness: float, genome: Genome | None = None) -> None:
+    """Tell the fitness of the next candidate, with artificial metrics if the method needs some."""
+    if genome is None:
+        genome = np.zeros(method.representation.genome_size, dtype=np.float32)
+    metrics = synthetic_metrics(method, genome[np.newaxis], np.array([fitness]))
+    if metrics is None:
+        method.tell_next(fitness)
+    else:
+        method.tell_next(fitness, metrics[0])
+
+
 def _steady_bytes(genomes: list[Genome]) -> list[bytes]:
     return [genome.tobytes() for genome in genomes]
 
@@ -282,7 +292,8 @@ def _ask_early(method: Method) -> list[Genome]:
             index, genome = method.ask_next()
             genomes.append(_check_genome(method, index, genome, len(genomes)))
             genome[:] = np.nan
-        method.tell_next(_value(genomes[method.evaluations]))
+        genome = genomes[method.evaluations]
+        _tell_next(method, _value(genome), genome)
         assert not np.isinf(method.population_fitness).any()
     return genomes
 
@@ -290,13 +301,13 @@ def _ask_early(method: Method) -> list[Genome]:
 def _ask_late(method: Method) -> list[Genome]:
     """Ask only if there is no result to tell."""
     genomes: list[Genome] = []
-    waiting: deque[float] = deque()
+    waiting: deque[Genome] = deque()
     while not method.done:
         if not waiting:
             index, genome = method.ask_next()
             genomes.append(_check_genome(method, index, genome, len(genomes)))
-            waiting.append(_value(genome))
-        method.tell_next(waiting.popleft())
+            waiting.append(genome.copy())
+        _tell_next(method, _value(waiting[0]), waiting.popleft())
     return genomes
 
 
@@ -307,16 +318,16 @@ def _check_window(method: Method) -> None:
         count += 1
     assert count == method.options.in_flight, f"{count} in flight, not {method.options.in_flight}"
     _must_refuse(method.ask_next, "asking beyond in_flight must raise InputError")
-    method.tell_next(1.0)
+    _tell_next(method, 1.0)
     assert method.can_ask, "after a result, the next candidate can be asked for"
 
 
 def _check_turns(method: Method) -> None:
-    _must_refuse(lambda: method.tell_next(1.0), "telling before asking must raise InputError")
+    _must_refuse(lambda: _tell_next(method, 1.0), "telling before asking must raise InputError")
     _must_refuse(method.ask, "ask must raise InputError in steady state")
     method.ask_next()
-    method.tell_next(1.0)
-    _must_refuse(lambda: method.tell_next(1.0), "telling twice must raise InputError")
+    _tell_next(method, 1.0)
+    _must_refuse(lambda: _tell_next(method, 1.0), "telling twice must raise InputError")
 
 
 def _steady_check_failures(method: Method) -> None:
@@ -325,7 +336,7 @@ def _steady_check_failures(method: Method) -> None:
             _, genome = method.ask_next()
         index = method.evaluations
         broken = index < method.generation_size or index % 3
-        method.tell_next(np.inf if broken else _value(genome))
+        _tell_next(method, np.inf if broken else _value(genome), genome)
     assert np.isnan(method.population_fitness).any() or np.isfinite(method.population_fitness).all()
 
 
@@ -333,7 +344,7 @@ def _steady_check_target(component: type[Method], subject: Representation) -> No
     options = component.options_model(operation="steady_state", target=-1e9)
     method = component(options, subject, seed=1)
     _, genome = method.ask_next()
-    method.tell_next(_value(genome))
+    _tell_next(method, _value(genome), genome)
     assert method.done, "a target that is reached must end the method"
     _must_refuse(method.ask_next, "asking when done must raise InputError")
 

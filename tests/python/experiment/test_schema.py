@@ -88,7 +88,7 @@ def test_the_schema_is_plain_json() -> None:
 def test_the_reference_page_has_common_options_of_methods_once() -> None:
     methods = format_reference().split("\n## method\n")[1].split("\n## ")[0]
     common = methods.split("\n### ")[0]
-    assert "Only `cea2d`, `nnga` and `random_search` support" in common
+    assert "Only `cea2d`, `map_elites`, `nnga`, `nsga2`, `nsga3`, `random_search` and `tpe` support" in common
     for name in ("seconds", "target", "operation", "in_flight"):
         assert methods.count(f"\n| `{name}` | ") == common.count(f"\n| `{name}` | ") == 1, name
     for name in ("generations", "evaluations"):

@@ -439,8 +439,8 @@ def test_other_methods_have_no_elites(finished: Run) -> None:
             r"method\.measures\.steps\.range: is missing",
         ),
         (
-            {"kind": "map_elites", "measures": MEASURES, "operation": "steady_state"},
-            r"method\.operation: map_elites cannot work in steady state: it learns from whole generations",
+            {"kind": "map_elites", "measures": MEASURES, "operation": "steady_state", "reevaluate": 0.1},
+            r"method\.operation: steady_state does not support reevaluate: 0\.1; leave one out",
         ),
     ],
 )

@@ -181,15 +181,15 @@ def test_a_method_that_needs_metrics_is_given_some(monkeypatch: pytest.MonkeyPat
     check_method("measured")
 
 
-def test_metrics_are_refused_in_steady_state() -> None:
-    """Candidate by candidate none would be told."""
+def test_metrics_are_needed_in_steady_state() -> None:
     network = REPRESENTATIONS.get("layered")
     subject = network(network.options_model(), sensors=2, actuators=1)
-    assert Measured.steady_state
-    with pytest.raises(
-        InputError, match=r"^method\.operation: measured .*\(steps, distance\).*leave the key"
-    ):
-        Measured(MeasuredOptions(operation="steady_state"), subject, seed=1)
+    method = Measured(MeasuredOptions(operation="steady_state"), subject, seed=1)
+    method.ask_next()
+    with pytest.raises(InputError, match=r"measured needs metrics: .* with columns steps, distance"):
+        method.tell_next(1.0)
+    method.tell_next(1.0, [3.0, 4.0])
+    assert method.metrics.tolist() == [[3.0, 4.0]]
 
 
 class PlainOptions(RankingOptions):

@@ -31,6 +31,8 @@ SMALL: dict[str, dict[str, Any]] = {
     },
 }
 """Options of representations that need some, or are large without."""
+DISCRETE = {"hyperneat", "mealy_fsm", "neat", "parameter_set"}
+"""Controllers that some methods cannot evolve."""
 ROBOTS = Path(__file__).with_name("robots.py")
 RANKINGS: list[dict[str, Any]] = [
     {"aggregate": "mean"},
@@ -111,7 +113,7 @@ def refused(why: str, controller: str, method: str, operation: str, ranking: int
         asks_for_more and not component.keeps_members and "ranking.reevaluate: " in why,
         asks_for_more and operation == "steady_state" and "ranking" in why,
         operation == "steady_state" and not component.steady_state and "method.operation: " in why,
-        controller in {"mealy_fsm", "neat", "parameter_set"} and "method.kind: " in why and controller in why,
+        controller in DISCRETE and "method.kind: " in why and controller in why,
         method == "neat" and "method.kind: neat cannot evolve" in why,
         controller == "modules" and "controller.kind: modules needs 9 sensors" in why,
     ]

@@ -22,7 +22,8 @@ def large(population: int, hidden: int, **method: object) -> Experiment:
 
 def test_what_cannot_fit_is_refused_at_once(tmp_path: Path) -> None:
     with pytest.raises(
-        InputError, match=r"10,000,000 candidates with .* genes each do not fit .* 1[67]\.. TB"
+        InputError,
+        match=r"population: 10,000,000 genomes of .* genes need too much memory; use at most 9,659",
     ):
         optimize(large(10_000_000, 640), out=tmp_path / "run")
     assert not (tmp_path / "run").exists()
