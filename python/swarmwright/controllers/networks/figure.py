@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from swarmwright.controllers.activations import describe_activations
 from swarmwright.controllers.drawing import Drawing, Names
-from swarmwright.display.figures.style import INK, PAPER, SOFT, new_figure
+from swarmwright.display.figures.style import INK, PAPER, SOFT, draw_whole_title, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -107,7 +107,7 @@ def draw_network(network: Network, drawing: Drawing) -> "Figure":
     axes.autoscale_view()
     axes.set_aspect("equal", adjustable="datalim")
     axes.axis("off")
-    figure.suptitle(title, x=0.012, ha="left", fontsize=13, fontweight="bold", color=INK, parse_math=False)
+    draw_whole_title(figure, title)
     computed = f", computed {iterations} times in each step" if iterations else ""
     axes.set_title(f"{network.facts}{computed}", loc="left", fontsize=10, color=SOFT)
     _draw_legend(figure, unit, bias_unit, network.recurrent)
@@ -253,7 +253,7 @@ def _draw_matrices(network: Network, names: Names, title: str) -> "Figure":
     bar = figure.colorbar(image, ax=list(grid[:, 0]), shrink=0.8, pad=0.02)
     bar.ax.tick_params(labelsize=9, colors=INK)
     bar.set_label("weight", fontsize=10, color=INK)
-    figure.suptitle(title, x=0.012, ha="left", fontsize=13, fontweight="bold", color=INK, parse_math=False)
+    draw_whole_title(figure, title)
     grid[0, 0].set_title(network.facts, loc="left", fontsize=10, color=SOFT)
     return figure
 

@@ -401,6 +401,14 @@ def draw_title(figure: "Figure", text: str) -> None:
     )  # fmt: skip
 
 
+def draw_whole_title(figure: "Figure", text: str) -> None:
+    """Draw the title of a figure, over several lines if it is long."""
+    lines = textwrap.wrap(escape_line(text), round(_TITLE_CHARACTERS * figure.get_figwidth()))
+    figure.suptitle(
+        "\n".join(lines), x=0.012, ha="left", fontsize=13, fontweight="bold", color=INK, parse_math=False
+    )
+
+
 def style_axes(axes: "Axes", *, x: str = "", y: str = "") -> None:
     """Set labels, grid and frame of axes."""
     axes.set_xlabel(x, fontsize=scale_points(11), color=INK)

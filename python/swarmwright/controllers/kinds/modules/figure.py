@@ -7,7 +7,7 @@ from swarmwright.controllers.diagram import Arrow, Diagram, Node, new_figure_wit
 from swarmwright.controllers.drawing import Drawing
 from swarmwright.controllers.modules.grammar import State, is_tree, states_of
 from swarmwright.controllers.modules.machine_texts import condition_words, name_of, words_of
-from swarmwright.display.figures.style import COLORS, INK, PAPER, SOFT, new_figure
+from swarmwright.display.figures.style import COLORS, INK, PAPER, SOFT, draw_whole_title, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -66,7 +66,7 @@ def _draw_tree(subtrees: tuple[State, ...], title: str) -> "Figure":
     axes.set_xlim(-0.6, count - 0.4)
     axes.set_ylim(-0.35, 2.3)
     axes.axis("off")
-    figure.suptitle(title, x=0.012, ha="left", fontsize=13, fontweight="bold", color=INK, parse_math=False)
+    draw_whole_title(figure, title)
     plural = "s" if count > 1 else ""
     axes.set_title(
         f"behaviour tree of {count} subtree{plural}: where the condition on the left holds, the next "

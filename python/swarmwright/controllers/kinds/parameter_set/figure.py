@@ -5,7 +5,16 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from swarmwright.controllers.drawing import Drawing
-from swarmwright.display.figures.style import COLORS, EDGE, GRID, INK, PAPER, SOFT, new_figure
+from swarmwright.display.figures.style import (
+    COLORS,
+    EDGE,
+    GRID,
+    INK,
+    PAPER,
+    SOFT,
+    draw_whole_title,
+    new_figure,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,7 +41,7 @@ def draw(drawing: Drawing) -> "Figure":
     axes.set_xlim(-0.02, 1.16)
     axes.set_ylim(-len(parameters) + 0.4, 0.6)
     axes.axis("off")
-    figure.suptitle(title, x=0.012, ha="left", fontsize=13, fontweight="bold", color=INK, parse_math=False)
+    draw_whole_title(figure, title)
     return figure
 
 
