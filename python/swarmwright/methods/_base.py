@@ -98,7 +98,7 @@ class SteadyState(ABC):
         self._check_not_done()
         if self.evaluations == self._handed_out:
             raise InputError("no candidate is waiting for its fitness; ask for one first")
-        self._store_metrics(None if metrics is None else [metrics], 1)
+        self._store_metrics(None if metrics is None else _parse_numbers("metrics", metrics)[np.newaxis], 1)
         # Create all candidates that must not depend on this result.
         self._make(min(self.evaluations + self.options.in_flight, self._last))
         value = float(fitness) if isfinite(fitness) else nan

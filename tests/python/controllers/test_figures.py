@@ -278,8 +278,8 @@ def test_a_network_that_learns() -> None:
 def test_a_network_with_given_connections(hidden: int) -> None:
     """Two connections between the same nodes are drawn, too; many nodes become matrices."""
     nodes = 3 + hidden + 1
-    sources = [*[[0, 1, nodes - 1]] * hidden, [3, 3, 2, nodes - 1]]
-    weights = np.random.default_rng(3).uniform(-2, 2, 4 * hidden + 6).tolist()
+    sources = [*[[0, 1, nodes - 1]] * hidden, [3, *range(3, 3 + hidden), 2, nodes - 1]]
+    weights = np.random.default_rng(3).uniform(-2, 2, 5 * hidden + 5).tolist()
     sizes = {"sensors": 3, "actuators": 1, "sources": sources, "iterations": 3}
     text = said(figure({"version": 1, "kind": "neat", **sizes, "weights": weights}))
     for name in (f"neat 3-{hidden}-1, tanh, at the actuators sigmoid", "sensor 2", "actuator 0"):
