@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from swarmwright.common.formatting import format_count, format_table
-from swarmwright.common.statistics import means
 from swarmwright.common.untrusted import escape_line
 
 if TYPE_CHECKING:
@@ -58,6 +57,7 @@ def validation_lines(validation: "Validation", run: "Run") -> Iterator[str]:
 
 def _violation_lines(validation: "Validation") -> Iterator[str]:
     """Yield a line for each constraint that the best candidate violates on the held-out seeds."""
+    from swarmwright.common.statistics import means
     from swarmwright.runs.feasibility import describe_limits
 
     for name, limits in validation.constraints.items():

@@ -142,7 +142,7 @@ def test_help_loads_neither_engine_nor_large_libraries() -> None:
         (["broker", "--host", "0.0.0.0"], ["can be reached from other machines", "--users", "--certificate"]),
         (["broker", "--host", "::"], ["can be reached from other machines"]),
         (["broker", "--host", "no.such.host.invalid"], ["not an address of this machine"]),
-        (["broker", "--certificate", "experiment.yaml"], ["--key is missing"]),
+        (["broker", "--certificate", "experiment.yaml"], ["--certificate needs --key; add it"]),
         (["serve", "minisim", "--count", "0"], ["--count"]),
         (["runs", "export", ".", "no/x.csv"], ["there is no folder 'no'"]),
         (["optimize", "link.yaml"], ["'link.yaml' is a link to 'nowhere', which does not exist.\n"]),
