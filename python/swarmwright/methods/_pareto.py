@@ -183,13 +183,9 @@ class ParetoMethod(Method):
         return streams(f"{self.kind}.choose", shuffles).units(size).argsort(axis=1).ravel()[:count]
 
     def _tell_next(self, index: int, genome: Genome, fitness: float) -> None:  # noqa: ARG002 - members have no numbers
-        self._add(genome[np.newaxis], np.array([fitness]))
+        self._tell(genome[np.newaxis], np.array([fitness]))
 
     def _tell(self, genomes: Genomes, fitness: Fitness) -> None:
-        self._add(genomes, fitness)
-
-    def _add(self, genomes: Genomes, fitness: Fitness) -> None:
-        """Add genomes, of which with the members the best `population` survive."""
         metrics = self.metrics if self.options.objectives else np.empty((len(genomes), 0))
         members = np.concatenate([self._members, genomes])
         new = self.options.values(fitness, metrics)
