@@ -173,8 +173,11 @@ class Tpe(Method):
         """Add a trial that is in flight."""
         from optuna.trial import TrialState, create_trial  # noqa: PLC0415 - an extra
 
+        # A record that was edited, or the initial genomes of a plug-in, may be outside of the space.
         params = {
-            name: min(int(gene * choices), choices - 1) if choices else gene
+            name: min(max(int(gene * choices), 0), choices - 1)
+            if choices
+            else min(max(gene, self._space[name].low), self._space[name].high)
             for name, choices, gene in zip(self._space, self._choices, genome.tolist(), strict=True)
         }
         self._trials.append(len(self._study.get_trials(deepcopy=False)))

@@ -70,6 +70,15 @@ def test_candidates_that_fail_or_are_alike(fitness: float) -> None:
         method.tell(np.full(5, fitness))
 
 
+def test_recorded_genomes_beyond_the_range_are_told() -> None:
+    """A record may have been edited."""
+    method = new("tpe", population=3, generations=3, startup=1)
+    method.take_recorded(np.full((3, 10), 1e30, dtype=np.float32))
+    assert (method.ask() == np.float32(1e30)).all()
+    method.tell([1.0, 2.0, 3.0])
+    assert np.isfinite(method.ask()).all()
+
+
 def test_given_controllers_beyond_the_range_are_candidates() -> None:
     method = new("tpe", population=3, generations=3, startup=1)
     start = np.full((2, 10), 40.0, dtype=np.float32)
