@@ -104,7 +104,7 @@ impl Fleet {
     }
 
     /// Describes for users where the failed work of this server is retried.
-    pub fn again(&self, server: u64) -> &'static str {
+    pub fn describe_retry(&self, server: u64) -> &'static str {
         if self.has_other(server) {
             " elsewhere"
         } else {

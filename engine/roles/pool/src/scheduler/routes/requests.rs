@@ -269,9 +269,9 @@ impl Scheduler {
 
     /// Handles a failure of a server: its oldest job is blamed, all its jobs are retried elsewhere, and it backs off.
     fn fail_server(&mut self, server: u64, reason: &str, blame: Blame, now: Instant) {
-        let again = self.fleet.again(server);
+        let retry = self.fleet.describe_retry(server);
         self.outbox
-            .warn(format!("{reason}; the work is tried again{again}"));
+            .warn(format!("{reason}; the work is tried again{retry}"));
         self.let_go(server);
         self.failed_in_vain(server, reason, now);
         let jobs = match self.fleet.slot(server) {

@@ -312,9 +312,9 @@ impl Scheduler {
             let (server, heard) = (run.server, run.heard());
             let was_refused = run.refusal().is_some();
             let reason = run.overdue(&self.config.timeouts, now);
-            let again = self.fleet.again(server);
+            let retry = self.fleet.describe_retry(server);
             self.outbox
-                .warn(format!("{reason}; the episode is tried again{again}"));
+                .warn(format!("{reason}; the episode is tried again{retry}"));
             self.end_run(server, &hash);
             let blame = if was_refused {
                 Blame::Answer
