@@ -114,8 +114,8 @@ class Case:
             if self.partitions
             else NSGA2(pop_size=self.population)
         )
-        found = minimize(self._problem, algorithm, ("n_gen", self.generations), seed=seed)
-        return self._volume(found.pop.get("F")[found.pop.get("CV")[:, 0] <= 0])
+        result = minimize(self._problem, algorithm, ("n_gen", self.generations), seed=seed)
+        return self._volume(result.pop.get("F")[result.pop.get("CV")[:, 0] <= 0])
 
 
 @dataclass(frozen=True)
@@ -160,8 +160,8 @@ class Constrained:
         from pymoo.optimize import minimize
 
         # The defaults are those of `de`.
-        found = minimize(self._problem, DE(pop_size=self.population), ("n_gen", self.generations), seed=seed)
-        return np.inf if found.F is None else float(found.F[0] - self._problem.pareto_front()[0, 0])
+        result = minimize(self._problem, DE(pop_size=self.population), ("n_gen", self.generations), seed=seed)
+        return np.inf if result.F is None else float(result.F[0] - self._problem.pareto_front()[0, 0])
 
 
 CASES = (

@@ -68,8 +68,8 @@ def neat(sources: list[list[int]], reach: float, iterations: int = 3, seed: int 
 
 def without(specification: Specification, *weights: int) -> Specification:
     """The network with weights of 0, whose connections exports leave out."""
-    kept = [weight * (index not in weights) for index, weight in enumerate(specification["weights"])]
-    return {**specification, "weights": kept}
+    weights_left = [weight * (index not in weights) for index, weight in enumerate(specification["weights"])]
+    return {**specification, "weights": weights_left}
 
 
 def growing(mutations: int, seed: int = 0, **options: Any) -> Specification:

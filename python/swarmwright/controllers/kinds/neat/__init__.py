@@ -372,8 +372,8 @@ class FrevoNeat(FixedNeat):
         """Return the genome of a network of FREVO's NEAT; None if its connections are in another order."""
         own, rows = self.architecture(), architecture.get("sources", [])
         hidden, most = len(rows) - self.actuators, self.options.max_nodes
-        alike = all(architecture.get(key) == own[key] for key in own if key != "sources")
-        if not alike or not 0 <= hidden <= most:
+        same_shape = all(architecture.get(key) == own[key] for key in own if key != "sources")
+        if not same_shape or not 0 <= hidden <= most:
             return None
         genome, at = np.zeros(self.genome_size, dtype=np.float32), 0
         for node, row in enumerate(rows):
